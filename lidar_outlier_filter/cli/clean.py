@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -39,9 +39,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from lidar_outlier_filter.archive.jobs import Job, Made, Task
+    from lidar_outlier_filter.archive.jobs import Made, Task
     from lidar_outlier_filter.archive.run import Result
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
@@ -172,31 +171,41 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
 
 
 def _clean(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.jobs import clean_job
-
     parameters = read_parameters(options.params, options.settings, options.chain)
     if options.scores:
         parameters['scores'] = True
     folder = _folder(options)
-    tasks = _tasks(options, folder)
-    is_single = len(tasks) == 1 and folder is None
-    _check(options, len(tasks), is_archive=not is_single)
+    is_single = folder is None and len(options.files) == 1
+    if is_single:
+        _check(options, 1, is_archive=False)
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
+    run = _clean_one if is_single else _clean_many
+    status = run(options, parameters, folder, look)
+    return INCOMPLETE if status == DONE and picture != options.picture else status
+
+
+def _clean_many(
+    options: argparse.Namespace,
+    parameters: dict[str, object],
+    folder: Path | None,
+    look: _LookForWorst,
+) -> int:
+    """Clean several files, those of folders too."""
+    from lidar_outlier_filter.archive.jobs import clean_job
+
+    tasks = _tasks(options, folder)
+    _check(options, len(tasks), is_archive=True)
     job = clean_job(parameters, _wanted(options), look)
     made: dict[Task, Made] = {}
-    if is_single:
-        records, tried = [_clean_one(tasks[0], job, options.outliers, made)], tasks
-    else:
 
-        def keep(task: Task, result: Result) -> None:
-            if result.made is not None:
-                made[task] = result.made
+    def keep(task: Task, result: Result) -> None:
+        if result.made is not None:
+            made[task] = result.made
 
-        records, tried = go_through(tasks, job, options, 'cleaning', folder, keep)
+    records, tried = go_through(tasks, job, options, 'cleaning', folder, keep)
     tables.show_cleaned(tasks, records, tried, job, made)
-    found = tables.status(records)
-    return INCOMPLETE if found == DONE and picture != options.picture else found
+    return tables.status(records)
 
 
 def _wanted(options: argparse.Namespace) -> CleanOptions:
@@ -218,16 +227,17 @@ def _wanted(options: argparse.Namespace) -> CleanOptions:
 
 
 def _clean_one(
-    task: Task, job: Job, outliers: Path | None, made: dict[Task, Made]
-) -> ArchiveRecord:
+    options: argparse.Namespace,
+    parameters: dict[str, object],
+    folder: Path | None,
+    look: _LookForWorst,
+) -> int:
     """Clean a single file, with a bar for each step; an error ends the command."""
-    from lidar_outlier_filter.archive.jobs import Made, count_file, wanted
-    from lidar_outlier_filter.archive.sidecar import DONE
     from lidar_outlier_filter.files.clean import clean_file
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    found: list[Any] = []
-    path, (output, *beside) = Path(str(task.location.path)), task.outputs
-    others = [Path(str(one)) for one in beside]
+    path, found = options.files[0].absolute(), list[Any]()
+    output, *others = (one.absolute() for one in _outputs(path, options, folder, path.name))
 
     def how_far() -> str:
         return f'nothing is written to {output}; the same command starts over'
@@ -236,17 +246,16 @@ def _clean_one(
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
         report = clean_file(
             path,
-            Path(str(output)),
-            job.filter,
-            job.clean,
-            outliers=outliers or next(iter(others), None),
+            output,
+            FilterParameters().changed(parameters),
+            _wanted(options),
+            outliers=options.outliers or next(iter(others), None),
             progress=_StepBars(path.name, leave_if_asked, bars),
             slow=lambda slow: say(f'{path}: {slow}'),
-            inspect=lambda judged: found.append(job.inspect(judged)),
+            inspect=lambda judged: found.append(look(judged)),
         )
-    made[task] = Made(count_file(report), report=report, found=found[0])
-    seconds = round(perf_counter() - began, 3)
-    return replace(wanted(task, job), state=DONE, seconds=seconds, **made[task].counts)
+    tables.show_file(path, report, found[0], perf_counter() - began)
+    return INCOMPLETE if report.is_untested else DONE
 
 
 class _StepBars:
@@ -344,9 +353,22 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
 
 
 def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: str) -> Task:
-    """Name the outputs after the file, and put them beside it unless a folder is given."""
+    """Return the task of a file of many."""
     from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.archive.locations import Location, location_of
+
+    outputs = _outputs(path, options, folder, source)
+    folder = outputs[0].parent if folder is None else folder
+    there = path.is_file()  # otherwise who opens it reports the error
+    location = location_of(path.absolute()) if there else Location(path.absolute(), 0, '')
+    names = tuple(str(one.relative_to(folder)) for one in outputs)
+    return Task(location, source, folder.absolute(), names)
+
+
+def _outputs(
+    path: Path, options: argparse.Namespace, folder: Path | None, source: str
+) -> list[Path]:
+    """Name the outputs after the file, and put them beside it unless a folder is given."""
     from lidar_outlier_filter.files.cloud_file import copy_suffix
     from lidar_outlier_filter.files.judged_file import SEPARATE
 
@@ -355,15 +377,10 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: 
         output = folder / Path(source).with_name(name)
     else:
         output = options.output or path.with_name(name)
-        folder = output.parent
-    outputs = [output]
-    if options.rejected == SEPARATE and options.outliers is None:
-        stem = output.stem.removesuffix(CLEANED)
-        outputs.append(output.with_name(stem + OUTLIERS + output.suffix))
-    there = path.is_file()  # otherwise who opens it reports the error
-    location = location_of(path.absolute()) if there else Location(path.absolute(), 0, '')
-    names = tuple(str(one.relative_to(folder)) for one in outputs)
-    return Task(location, source, folder.absolute(), names)
+    if options.rejected != SEPARATE or options.outliers is not None:
+        return [output]
+    stem = output.stem.removesuffix(CLEANED)
+    return [output, output.with_name(stem + OUTLIERS + output.suffix)]
 
 
 def _classes(options: argparse.Namespace, which: str) -> tuple[int, ...]:

@@ -185,23 +185,49 @@ def show_cleaned(
     job: Job,
     made: Mapping[Task, Made],
 ) -> None:
-    """Print what became of each file, the tables, and what was written."""
-    from rich.console import Console
-
-    reports, worst = [], {}
+    """Print what became of each file of many, the tables, and what was written."""
+    reports, worst = {}, {}
     for task, record in zip(tasks, records, strict=True):
         one = made.get(task)
         if one is None or one.report is None:
             say_lacks(task, record)
             continue
         path = Path(str(task.location.path))
-        _say_how(path, one.report)
-        reports.append(one.report)
+        reports[path] = one.report
         if one.found is not None:
             worst[path] = one.found
-    console = Console()
-    if len(tasks) > 1 or records[0].error is None:
-        console.print(table_of_all(tasks, records, tried, job))
+    is_shown = len(tasks) > 1 or records[0].error is None
+    _show(reports, worst, table_of_all(tasks, records, tried, job) if is_shown else None)
+    if len(tasks) > 1:
+        print_counts(tasks, records, tried, job)
+
+
+def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: float) -> None:
+    """Print what became of a single file, the tables, and what was written."""
+    rare = ('invalid', 'ignored', 'untested', 'spared')
+    counts = {name: getattr(report, name) for name in rare if getattr(report, name)}
+    by = report.rejected_by if len(report.rejected_by) > 1 else {}
+    row = {'points': report.points, **counts, 'rejected': report.rejected}
+    cells = {name: f'{number:,}' for name, number in row.items()}
+    cells['share'] = f'{report.rejected / report.points:.3%}'
+    cells |= {f'by {name}': f'{number:,}' for name, number in by.items()}
+    cells |= {'seconds': f'{seconds:.1f}', 'state': 'untested' if report.is_untested else 'done'}
+    table = numbers('file', *cells)
+    table.add_row(printable(path.name), *cells.values())
+    _show({path: report}, {} if worst is None else {path: worst}, table)
+
+
+def _show(
+    found: Mapping[Path, CleanReport], worst: Mapping[Path, Worst], table: Table | None
+) -> None:
+    """Print sentences on each file, the table of all, other tables, and what was written."""
+    from rich.console import Console
+
+    for path, report in found.items():
+        _say_how(path, report)
+    console, reports = Console(), list(found.values())
+    if table is not None:
+        console.print(table)
     if any(report.by_class for report in reports):
         console.print(_table_of_classes(reports))
     if any(report.rejected for report in reports):
@@ -210,8 +236,6 @@ def show_cleaned(
         console.print(_table_of_groups(worst))
     for written in (printable(name) for report in reports for name in report.outputs):
         console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
-    if len(tasks) > 1:
-        print_counts(tasks, records, tried, job)
 
 
 def _say_how(path: Path, report: CleanReport) -> None:

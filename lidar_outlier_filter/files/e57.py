@@ -19,7 +19,7 @@ from pye57 import libe57
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
 from lidar_outlier_filter.files.ply import header_of
-from lidar_outlier_filter.files.rows import BinaryRows
+from lidar_outlier_filter.files.rows import BinaryRows, to_common_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -54,8 +54,7 @@ class _PosedScan:
     number: int
     count: int
     fields: Mapping[str, np.dtype[Any]]
-    rotation: NDArray[np.float64]
-    position: NDArray[np.float64]
+    pose: NDArray[np.float64]  # (3, 4), rotation and position
 
 
 class E57File(CloudFile):
@@ -176,7 +175,7 @@ def _scan(path: Path, node: Any, number: int) -> _PosedScan:
     if not abs(np.sqrt(np.sum(rotation**2)) - 1) <= _UNIT or not np.isfinite(position).all():
         got = f'{rotation.tolist()} and {position.tolist()}'
         raise CloudError(f'the pose of {what} of {path}', 'a unit quaternion and a place', got)
-    return _PosedScan(number, count, fields, _matrix(rotation), position)
+    return _PosedScan(number, count, fields, np.column_stack((_matrix(rotation), position)))
 
 
 def _kind(node: Any) -> np.dtype[Any]:
@@ -204,7 +203,7 @@ def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 def _placed(
     scan: _PosedScan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield x, y and z where the pose puts them; NaN where there is no return."""
+    """Return x, y and z in the common frame; NaN where there is no return."""
     x, y, z = (chunk[place] for place in places)
     if places is _ANGLES:
         reach, azimuth, elevation = x, y, z
@@ -212,7 +211,4 @@ def _placed(
         x, y = level * np.cos(azimuth), level * np.sin(azimuth)
         z = reach * np.sin(elevation)
     missing = chunk[invalid] != 0 if invalid in chunk else np.zeros(len(x), np.bool_)
-    missing = missing | ((x == 0) & (y == 0) & (z == 0))
-    with np.errstate(invalid='ignore', over='ignore'):  # infinite ones are no returns either
-        for row, offset in zip(scan.rotation, scan.position, strict=True):
-            yield np.where(missing, np.nan, row[0] * x + row[1] * y + row[2] * z + offset)
+    return to_common_frame((x, y, z), scan.pose, missing)

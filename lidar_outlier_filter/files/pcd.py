@@ -17,14 +17,15 @@ import lzf
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import (
-    CloudFile,
-    check_count,
-    check_fits,
-    check_names,
-    parse_count,
+from lidar_outlier_filter.files.cloud_file import check_count, check_fits, check_names, parse_count
+from lidar_outlier_filter.files.rows import (
+    BinaryRows,
+    RowFile,
+    Rows,
+    TextRows,
+    read_header,
+    single_numbers,
 )
-from lidar_outlier_filter.files.rows import BinaryRows, Rows, TextRows, single_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,18 +37,17 @@ if TYPE_CHECKING:
 
 _KINDS = {'I': ('i', {1, 2, 4, 8}), 'U': ('u', {1, 2, 4, 8}), 'F': ('f', {4, 8})}
 _LETTERS = {kind: letter for letter, (kind, _) in _KINDS.items()}
-_LONGEST_HEADER = 1_000_000  # bytes
 _SIZES = struct.Struct('<II')
 
 
-class PcdFile(CloudFile):
+class PcdFile(RowFile):
     """A PCD file; see :class:`CloudFile`."""
 
     def __init__(self, path: Path) -> None:
         """Read the header."""
         self.path = path
         with path.open('rb') as stream:
-            self._header = _header(stream)
+            self._header = read_header(stream, bool, _is_data)
             self._offset = stream.tell()
         said = {words[0].upper(): words[1:] for line in self._header if (words := line.split())}
         self._names = [name.decode('latin-1') for name in self._words(said, b'FIELDS')]
@@ -67,6 +67,7 @@ class PcdFile(CloudFile):
         self.columns: Mapping[str, np.dtype[Any]] = {
             name: kind for name, kind in numbers.items() if not name.startswith('_ ')
         }
+        self._rows = self._find_rows()
 
     def _words(self, said: Mapping[bytes, Sequence[bytes]], key: bytes) -> Sequence[bytes]:
         """Return what the header says behind a word; refuse a header that says nothing."""
@@ -106,12 +107,7 @@ class PcdFile(CloudFile):
             ]
         )
 
-    def __len__(self) -> int:
-        """Count the points."""
-        return self._count
-
-    @cached_property
-    def _rows(self) -> Rows:
+    def _find_rows(self) -> Rows:
         if self._data == 'ascii':
             counts = [dtype.itemsize // dtype.base.itemsize for dtype in self._kinds]
             indices = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
@@ -148,10 +144,6 @@ class PcdFile(CloudFile):
             rows[name] = np.ndarray(self._count, kind, columns, begin)
             begin += kind.itemsize * self._count
         return rows
-
-    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk."""
-        return self._rows.read(names)
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy; without some of its points a cloud is organised no more."""
@@ -195,14 +187,5 @@ class PcdFile(CloudFile):
         stream.write(packed)
 
 
-def _header(stream: BinaryIO) -> list[bytes]:
-    """Read the lines up to DATA."""
-    lines: list[bytes] = []
-    while stream.tell() < _LONGEST_HEADER:
-        line = stream.readline(_LONGEST_HEADER)
-        if not line:
-            break
-        lines.append(line)
-        if line.upper().startswith(b'DATA'):
-            return lines
-    raise CloudError('the header of a PCD file', 'ended by a line with DATA', 'none')
+def _is_data(line: bytes) -> bool:
+    return line.upper().startswith(b'DATA')

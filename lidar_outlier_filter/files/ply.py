@@ -16,19 +16,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import (
-    CloudFile,
-    check_fits,
-    check_names,
-    parse_count,
+from lidar_outlier_filter.files.cloud_file import check_fits, check_names, parse_count
+from lidar_outlier_filter.files.rows import (
+    BinaryRows,
+    RowFile,
+    Rows,
+    TextRows,
+    read_header,
+    single_numbers,
 )
-from lidar_outlier_filter.files.rows import BinaryRows, Rows, TextRows, single_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import Change
 
@@ -44,7 +44,6 @@ _NAMES = {
 }
 _KINDS = {name: kind for kind, names in _NAMES.items() for name in names}
 _ORDERS = {'ascii': '<', 'binary_little_endian': '<', 'binary_big_endian': '>'}
-_LONGEST_HEADER = 1_000_000  # bytes
 
 
 @dataclass
@@ -74,7 +73,7 @@ class _Element:
         )
 
 
-class PlyFile(CloudFile):
+class PlyFile(RowFile):
     """A PLY file; see :class:`CloudFile`."""
 
     def __init__(self, path: Path) -> None:
@@ -82,7 +81,7 @@ class PlyFile(CloudFile):
         self.path = path
         self._size = path.stat().st_size
         with path.open('rb') as stream:
-            self._header = _header(stream)
+            self._header = read_header(stream, _is_magic, _is_end)
             self._begin = stream.tell()
         self._format, self._elements = _parse(path, self._header)
         found = [i for i, element in enumerate(self._elements) if element.name == 'vertex']
@@ -90,6 +89,7 @@ class PlyFile(CloudFile):
             raise CloudError(f'the elements vertex of {path}', 'one', len(found))
         self._index = found[0]
         self._vertex = self._elements[self._index]
+        self._count = self._vertex.count
         if not self._vertex.properties:
             raise CloudError(f'the element vertex of {path}', 'with properties', 'none')
         if self._vertex.has_lists:
@@ -120,14 +120,6 @@ class PlyFile(CloudFile):
         check_fits(self.path, 'the bytes of all elements', end + least, 1, self._size)
         rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count, before)
         return rows, offset, end
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return self._vertex.count
-
-    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk."""
-        return self._rows.read(names)
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy, with every other element as it is."""
@@ -167,17 +159,12 @@ def header_of(count: int, kinds: Mapping[str, np.dtype[Any]]) -> bytes:
     return head.encode()
 
 
-def _header(stream: BinaryIO) -> list[bytes]:
-    """Read the lines up to ``end_header``."""
-    lines: list[bytes] = []
-    while stream.tell() < _LONGEST_HEADER:
-        line = stream.readline(_LONGEST_HEADER)
-        if not line or (not lines and line.strip() != b'ply'):
-            break
-        lines.append(line)
-        if line.strip() == b'end_header':
-            return lines
-    raise CloudError('the header of a PLY file', "from 'ply' to 'end_header'", 'another')
+def _is_magic(line: bytes) -> bool:
+    return line.strip() == b'ply'
+
+
+def _is_end(line: bytes) -> bool:
+    return line.strip() == b'end_header'
 
 
 def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:

@@ -21,7 +21,7 @@ from lidar_outlier_filter.files.cloud_file import (
     parse_count,
     parse_number,
 )
-from lidar_outlier_filter.files.rows import TextRows
+from lidar_outlier_filter.files.rows import TextRows, to_common_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -41,22 +41,12 @@ _POSE = (3,) * 4 + (4,) * 4  # numbers of each line: position, three axes, matri
 
 @dataclass(frozen=True)
 class _GridScan:
-    """One scan: its header as it is, its count of lines, and the matrix (4, 4) of its pose."""
+    """One scan: its header as it is, its count of lines, its pose (3, 4), and its lines."""
 
     header: bytes
     count: int
-    matrix: NDArray[np.float64]
+    pose: NDArray[np.float64]
     rows: TextRows
-
-    def placed(self, x: Any, y: Any, z: Any) -> tuple[NDArray[np.float64], ...]:
-        """Move points (n,) to where the pose says; what is missing is NaN."""
-        missing = (x == 0) & (y == 0) & (z == 0)
-        m = self.matrix
-        with np.errstate(invalid='ignore', over='ignore'):  # infinite ones are no returns either
-            return tuple(
-                np.where(missing, np.nan, x * m[0, i] + y * m[1, i] + z * m[2, i] + m[3, i])
-                for i in range(3)
-            )
 
 
 class PtxFile(CloudFile):
@@ -113,7 +103,7 @@ class PtxFile(CloudFile):
         )
         stream.seek(begin)
         header = stream.read(offset - begin)
-        self._scans.append(_GridScan(header, columns * rows, matrix, lines))
+        self._scans.append(_GridScan(header, columns * rows, matrix.T[:3], lines))
         stream.seek(lines.end())
         return width
 
@@ -140,7 +130,7 @@ class PtxFile(CloudFile):
             for chunk in scan.rows.read(asked):
                 values = dict(zip(asked, chunk, strict=True))
                 if asked[0] == 'x':
-                    values |= zip('xyz', scan.placed(*chunk[:3]), strict=True)
+                    values |= zip('xyz', to_common_frame(chunk[:3], scan.pose), strict=True)
                 yield tuple(values[name] for name in names)
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:

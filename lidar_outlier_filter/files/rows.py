@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of points behind a header, as in PCD, PLY and PTX.
+"""Rows of points behind a header, as in PCD, PLY and PTX, and poses of scans.
 
 Rows are copied byte for byte; only requested columns are parsed.
 """
@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, check_count, check_points
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_points
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.files.cloud_file import Change
+
+_LONGEST_HEADER = 1_000_000  # bytes
 
 
 class Rows(Protocol):
@@ -32,6 +35,37 @@ class Rows(Protocol):
 
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the rows, changed; yield how many are done."""
+
+
+class RowFile(CloudFile):
+    """A file with a header of lines, and one block of rows."""
+
+    _header: Sequence[bytes]
+    _count: int
+    _rows: Rows
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return self._count
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk."""
+        return self._rows.read(names)
+
+
+def read_header(
+    stream: BinaryIO, is_first: Callable[[bytes], bool], is_last: Callable[[bytes], bool]
+) -> list[bytes]:
+    """Read the lines of a header, the last one included; refuse a file without such lines."""
+    lines: list[bytes] = []
+    while stream.tell() < _LONGEST_HEADER:
+        line = stream.readline(_LONGEST_HEADER)
+        if not line or (not lines and not is_first(line)):
+            break
+        lines.append(line)
+        if is_last(line):
+            return lines
+    raise CloudError(f'the header of {stream.name}', 'complete', 'no last line of a header')
 
 
 class BinaryRows:
@@ -192,3 +226,18 @@ def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
 def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
     """List the fields that are one number a row, with their types."""
     return {name: dtype[name] for name in dtype.names or () if dtype[name].subdtype is None}
+
+
+def to_common_frame(
+    xyz: Sequence[Any], pose: NDArray[np.float64], missing: Bools | None = None
+) -> Iterator[NDArray[np.float64]]:
+    """Yield x, y and z (n,) of a scan in the common frame; a missing return is NaN.
+
+    The pose (3, 4) is a rotation and a position.
+    """
+    x, y, z = xyz
+    at_origin = (x == 0) & (y == 0) & (z == 0)
+    missing = at_origin if missing is None else missing | at_origin
+    with np.errstate(invalid='ignore', over='ignore'):  # infinite ones are no returns either
+        for a, b, c, offset in pose:
+            yield np.where(missing, np.nan, x * a + y * b + z * c + offset)

@@ -50,9 +50,6 @@ class SqliteFile(CloudFile):
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
             # What is computed when it is read, by what the file says, is not read.
             stored = [column for column in about if column[-1] in _STORED]
-            if not _has_row_ids(database, self.table):
-                what = f'the table {self.table!r} of {path}'
-                raise CloudError(what, 'one with row ids, by which the verdict names rows', 'none')
             self._row_id = _row_id(self.table, [column[1] for column in about])
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
@@ -141,19 +138,6 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
         must_be = f'without {wanted + VERDICT}, which is to be made'
         raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
     return wanted
-
-
-def _has_row_ids(database: sqlite3.Connection, table: str) -> bool:
-    """Return whether a table has row ids: WITHOUT ROWID its primary key is its only index.
-
-    That index is named nowhere else.
-    """
-    (found,) = database.execute(
-        "SELECT count(*) FROM pragma_index_list(?) WHERE origin = 'pk' AND NOT EXISTS "
-        '(SELECT * FROM sqlite_schema s WHERE s.name = pragma_index_list.name)',
-        (table,),
-    ).fetchone()
-    return not found
 
 
 def _row_id(table: str, columns: Sequence[str]) -> str:

@@ -40,12 +40,12 @@ with stopping():
 """
 DONE = """
 import lidar_outlier_filter.cli.tables as tables
-show = tables.show_cleaned
+show = tables.show_file
 def slow(*what):
     interrupt(), interrupt(signal.SIGTERM)
     show(*what)
     interrupt()
-tables.show_cleaned = slow
+tables.show_file = slow
 import atexit
 atexit.register(interrupt)
 sys.exit(start())

@@ -128,11 +128,9 @@ def test_the_readme_quotes_the_session() -> None:
     assert f'```python\n{text_of_session()}```\n' in readme
 
 
-def test_the_stream() -> None:
-    """The stream filters structured arrays."""
+def test_examples_of_the_library() -> None:
+    """The examples of the library run."""
     code = """
-import numpy as np
-from lidar_outlier_filter import CloudFilter
 from doctest import testmod
 import lidar_outlier_filter.pipeline.library
 done = testmod(lidar_outlier_filter.pipeline.library)

@@ -377,6 +377,18 @@ def test_table(folder: Path, capsys: Capture) -> None:
     assert (first['state'], second['state']) == ('done', 'done')
 
 
+def test_one_file_needs_no_archive(tmp_path: Path) -> None:
+    """A single file is cleaned without a module of the archive."""
+    path = tmp_path / 'few.csv'
+    path.write_text('x,y,z\n' + '1,2,3\n' * 3)
+    code = COMMAND.replace('sys.exit(main', 'status = (main')
+    code += "print(status, *(name for name in sys.modules if f'{name}.'.startswith(ARCHIVE)))\n"
+    code = "ARCHIVE = 'lidar_outlier_filter.archive.'\n" + code
+    command = [sys.executable, '-c', code, 'clean', str(path), '--chain', 'sor']
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == '3'
+
+
 def test_seconds_of_one_file(folder: Path, capsys: Capture) -> None:
     """The table says how long a single file took, as it does of several."""
     path = folder / 'source.ply'
