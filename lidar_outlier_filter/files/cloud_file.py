@@ -37,7 +37,7 @@ FORMATS = {
     '.laz': ('las', 'LasFile', 'files'),
     '.pcd': ('pcd', 'PcdFile', 'files'),
     '.ply': ('ply', 'PlyFile', ''),
-    '.ptx': ('ptx', 'PtxFile', ''),
+    '.ptx': ('text', 'PtxFile', ''),
     '.e57': ('e57', 'E57File', 'e57'),
     '.csv': ('text', 'TextFile', ''),
     '.tsv': ('text', 'TextFile', ''),

@@ -150,18 +150,6 @@ def test_columns(tmp_path: Path, form: str) -> None:
 
 
 @pytest.mark.parametrize('form', FORMS)
-def test_unchanged(tmp_path: Path, form: str) -> None:
-    """A copy without changes is the same file; a compressed one has the same content."""
-    path = make(tmp_path, form)
-    copy = copied(path, Change())
-    if form == 'binary_compressed':
-        assert unpacked(copy) == as_columns(rows())
-        assert copy.read_bytes().startswith(HEADER.format(form).encode())
-    else:
-        assert copy.read_bytes() == path.read_bytes()
-
-
-@pytest.mark.parametrize('form', FORMS)
 def test_some_points(tmp_path: Path, form: str) -> None:
     """A copy of some points has their bytes, and is organised no more."""
     path = make(tmp_path, form)

@@ -84,13 +84,6 @@ def test_columns(tmp_path: Path, form: str) -> None:
 
 
 @pytest.mark.parametrize('form', FORMS)
-def test_unchanged(tmp_path: Path, form: str) -> None:
-    """A copy without changes is the same file."""
-    path = make(tmp_path, form, with_faces=True)
-    assert copied(path, Change()).read_bytes() == path.read_bytes()
-
-
-@pytest.mark.parametrize('form', FORMS)
 def test_some_points(tmp_path: Path, form: str) -> None:
     """A copy of some points has their bytes between all that is around them."""
     path = make(tmp_path, form)

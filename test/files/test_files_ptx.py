@@ -115,10 +115,7 @@ def test_no_columns_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ('old', 'new', 'sentence'),
     [
-        ('3\n2\n', '3\n-2\n', 'the rows of scan 1 of'),
         ('3\n2\n', '3.0\n2\n', 'the columns of scan 1 of .* must be a whole number'),
-        ('3\n2\n', '999999999\n999999999\n', 'the columns of scan 1 of'),
-        ('3\n2\n', '20\n20\n', 'the points of scan 1 of'),
         ('3\n2\n', '3\n3\n', 'the columns of scan 2 of'),
         ('3\n2\n', '1\n2\n', 'the columns of scan 2 of .* must be a whole number'),
         ('1\r\n3\r\n', '1\r\n2\r\n', 'the columns of scan 3 of'),
