@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 JUDGES = (page.DEFAULT, page.NETWORK, *PEERS)
 RINGS = Path(__file__).resolve().parent / 'pandar64.csv'
-PAGE = ROOT / 'doc' / 'real_snow.md'
+PAGE = ROOT / 'doc' / 'results' / 'real_snow.md'
 SECTION, COMMAND = 'real-snow', 'benchmarks/real_snow.py'
 PICTURE = [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'f4'), ('label', 'u1')]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.
     WriteSection = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
 
-PAGE = Path('doc/results.md')
+PAGE = Path('doc/results/tables.md')
 DATA = Path('../shared/data')
 SEEDS = (101, 102, 103, 104, 105)
 LEARNT = 1  # the seed that the tuner may see

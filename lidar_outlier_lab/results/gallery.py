@@ -187,7 +187,7 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         'seen from the side: right is the direction in which they extend most, up that in which '
         'they extend least, with scales of their own, in metres. Named are the features that '
         'speak most for the verdict, and what each adds to the log-odds of the trees '
-        '([their meaning](detectors/boosted_trees.md#why-a-point-is-rejected)); none are '
+        '([their meaning](../detectors/boosted_trees.md#why-a-point-is-rejected)); none are '
         'named where there was no scan pattern.',
         *parts,
     )

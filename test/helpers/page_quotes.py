@@ -106,7 +106,7 @@ SENSORS = {
     'Robosense Ruby Plus, two sweeps': 'RubyPlus',
     'Robosense Bpearl, two sweeps': 'Bpearl',
 }
-SHORTLY, RESULTS = 'doc/results_in_short.md', 'doc/results.md'
+SHORTLY = 'doc/results_in_short.md'
 STREET_ROWS = {
     'precision': 'precision',
     'recall': 'recall',
@@ -123,12 +123,19 @@ STREET_ROWS = {
     '… near the surface': 'near surface',
     '… mixed pixels': 'mixed',
 }
+SNOW_ROWS = {
+    '**default**': 'default',
+    '3D-OutDet': '3D-OutDet',
+    'intensity, range, distance': 'rule',
+    'DROR': 'DROR',
+}
 STREET_TABLE = [
     f'| {title} | {{paper {name} exactly}} | {{smoother {name} exactly}} '
     f'| {{default {name} exactly}} |'
     for title, name in STREET_ROWS.items()
 ]
 LESLAR = 'doc/papers/leslar2010.md'
+LESLAR_TABLES = 'doc/results/papers/leslar2010.md'
 CELLS = ' | '.join(f'{{{one} {what}}}' for one in LETTERS for what in ('found', 'wrong', 'road'))
 SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'trees': (
@@ -172,6 +179,10 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'DROR tuned on the same labels {DROR both}. [Real snow]',
             ),
             Quote(SHORTLY, 'labelled, F1 is {default both} with both returns.'),
+            *(
+                Quote('doc/real_snow.md', f'| {name} | {{{figure} both}} | {{{figure} last}} |')
+                for name, figure in SNOW_ROWS.items()
+            ),
         ],
     ),
     'numpy': (
@@ -237,7 +248,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'leslar': (
         page_sources.leslar,
         [
-            Quote(LESLAR, f'\n| the default, `boosted_trees` | {CELLS} | '),
+            Quote(LESLAR_TABLES, f'\n| the default, `boosted_trees` | {CELLS} | '),
             Quote(LESLAR, 'The default finds {a found} and loses {a wrong}, at a higher speed.'),
         ],
     ),
@@ -245,12 +256,12 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         page_sources.street,
         [
             Quote(
-                RESULTS,
+                SHORTLY,
                 'recesses, poles, parked cars and a barrier arm; {points} points,\n'
                 '{outliers} ({share}) of them outliers. A profile scanner',
             ),
             Quote(
-                RESULTS, '`boosted_trees` |\n| --- | --- | --- | --- |\n' + '\n'.join(STREET_TABLE)
+                SHORTLY, '`boosted_trees` |\n| --- | --- | --- | --- |\n' + '\n'.join(STREET_TABLE)
             ),
             Quote(
                 'README.md',
@@ -275,7 +286,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         page_sources.snow,
         [
             Quote(
-                RESULTS,
+                SHORTLY,
                 'behind a car that whirls it up; {points} points, {outliers} ({share}) of them '
                 'outliers. By the default:\n\n| | |\n| --- | --- |\n'
                 '| precision | {precision exactly} |\n'

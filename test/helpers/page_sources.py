@@ -228,7 +228,7 @@ def _shipped() -> dict[str, float]:
 
 def real_snow(_pages: Pages) -> Figures:
     """Read the page of real snow, which a command wrote: F1, and good points lost."""
-    page = (ROOT / 'doc' / 'real_snow.md').read_text('utf-8')
+    page = (ROOT / 'doc' / 'results' / 'real_snow.md').read_text('utf-8')
     _, _, table = page.partition('## In short')
     figures: dict[str, str] = {}
     rows = {

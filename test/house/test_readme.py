@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 README = ROOT / 'README.md'
-RESULTS = ROOT / 'doc' / 'results.md'  # mostly written by a command, and tested there
-PAGES = sorted({README, *(ROOT / 'doc').rglob('*.md')} - {RESULTS})
+TABLES = ROOT / 'doc' / 'results'  # written by commands, and tested there
+PAGES = sorted({README, *(ROOT / 'doc').rglob('*.md')} - {*TABLES.rglob('*.md')})
 EACH_PAGE = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 PARAMETERS = {parameter.name: parameter for parameter in describe()}
 NAMES = set(PARAMETERS)
@@ -78,10 +78,10 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_contents_of_results() -> None:
     """The table of contents lists every section of the long results, in their order."""
-    text = RESULTS.read_text(encoding='utf-8')
+    text = (TABLES / 'tables.md').read_text(encoding='utf-8')
     listed = re.findall(r'^\| \[(.*?)\]\(#(.*?)\) \|', text, re.MULTILINE)
     assert [title for title, _ in listed] == re.findall(r'^## (.*)$', text, re.MULTILINE)
-    assert {anchor for _, anchor in listed} <= anchors(RESULTS)
+    assert {anchor for _, anchor in listed} <= anchors(TABLES / 'tables.md')
 
 
 @EACH_PAGE

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 DOC = ROOT / 'doc' / 'papers'
+TABLES = ROOT / 'doc' / 'results' / 'papers'
 # Numbers of a page that no command of ours finds.
 SAID: dict[str, set[str]] = {
     'kang2018': {'0.27', '0.13', '1.4'},  # of a normal law; of all results
@@ -62,13 +63,15 @@ SAID: dict[str, set[str]] = {
 def test_pages(name: str) -> None:
     """Every paper has a page with its generated part, steps, differences and open questions."""
     text = (DOC / f'{name}.md').read_text(encoding='utf-8')
-    assert f'<!-- begin {name}: written by `lidar-outlier-filter results`' in text
+    tables = (TABLES / f'{name}.md').read_text(encoding='utf-8')
+    assert f'<!-- begin {name}: written by `lidar-outlier-filter results`' in tables
+    assert f'](../results/papers/{name}.md)' in text
     for title in ('Step by step', 'Theirs and ours', 'Why ours differ', 'Open questions'):
         assert f'\n## {title}' in text
     assert f'config/papers/{name}' in text
-    for line in text.splitlines():
+    for line in tables.splitlines():
         if line.startswith('!['):
-            assert (DOC / line.partition('(')[2].removesuffix(')')).is_file(), line
+            assert (TABLES / line.partition('(')[2].removesuffix(')')).is_file(), line
 
 
 @pytest.mark.parametrize('name', PAGES)
@@ -97,15 +100,10 @@ def numbers(text: str) -> tuple[set[str], set[str]]:
 def test_prose_has_numbers_of_the_tables(name: str) -> None:
     """What a page argues from is what its command wrote, rounded, or what the paper prints."""
     text = (DOC / f'{name}.md').read_text(encoding='utf-8')
-    before, begin, rest = text.partition(f'<!-- begin {name}')
-    written, end, after = rest.partition(f'<!-- end {name} -->')
-    assert begin
-    assert end
+    written = (TABLES / f'{name}.md').read_text(encoding='utf-8')
     there = [set(map(float, some)) for some in numbers(written.replace('%\n', ''))]
     there[0] |= {float(cell) for cell in re.findall(r'(?<=\| )\d+\.\d\d(?= \|)', written)}
-    prose = re.sub(
-        r'`[^`\n]*`|\(http[^)]*\)', '', before.partition('## What the paper leaves')[2] + after
-    )
+    prose = re.sub(r'`[^`\n]*`|\(http[^)]*\)', '', text.partition('## What the paper leaves')[2])
     stray = [
         one
         for some, known in zip(numbers(prose), there, strict=True)
@@ -213,7 +211,7 @@ def test_the_letter_is_one() -> None:
     values = METHODS['kang2018']
     assert FilterParameters().changed(values).of(Elevation) == kang.READINGS[kang.LETTER].parameters
     assert kang.READINGS[kang.LETTER].parameters.gap > 0
-    page = (DOC / 'kang2018.md').read_text(encoding='utf-8')
+    page = (TABLES / 'kang2018.md').read_text(encoding='utf-8')
     assert page.count(f'| {kang.LETTER} | ') == 2
 
 
