@@ -149,7 +149,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             Quote(
                 SHORTLY,
                 'sweeps of twelve real sensors lose {least shipped} to {most shipped}, '
-                'or {least left} to {most left} where',
+                'or {least left} to {most left} with trees',
             ),
             Quote(
                 'doc/development/default.md',
@@ -179,6 +179,13 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'DROR tuned on the same labels {DROR both}. [Real snow]',
             ),
             Quote(SHORTLY, 'labelled, F1 is {default both} with both returns.'),
+            Quote(
+                'doc/chains.md', 'it was {DROR both F1} against {default both F1}. DROR had these'
+            ),
+            Quote(
+                'doc/quickstart/hesai.md',
+                'F1 of {default both F1} with both, and {default last F1} with the last alone.',
+            ),
             *(
                 Quote('doc/real_snow.md', f'| {name} | {{{figure} both}} | {{{figure} last}} |')
                 for name, figure in SNOW_ROWS.items()

@@ -240,7 +240,8 @@ def real_snow(_pages: Pages) -> Figures:
     for written, name in rows.items():
         row = next(line for line in table.splitlines() if line.startswith(f'| {written} |'))
         cells = [cell.strip() for cell in row.strip('|').split('|')]
-        figures |= {f'{name} both': cells[1], f'{name} last': cells[3]}
+        for form, cell in (('both', cells[1]), ('last', cells[3])):
+            figures |= {f'{name} {form}': cell, f'{name} {form} F1': cell.partition(' ')[0]}
     return figures
 
 
