@@ -265,13 +265,12 @@ def test_ctrl_c_says_how_to_continue(monkeypatch: pytest.MonkeyPatch, capsys: Ca
     assert '1 replayed, 1 done before' in capsys.readouterr().out
 
 
-def test_lines_of_the_readme() -> None:
-    """The lines for an archive do what they say, as they are written."""
+def test_line_of_the_readme() -> None:
+    """The line for an archive does what it says, as it is written; again, it changes nothing."""
     text = (ROOT / 'README.md').read_text()
-    found = re.findall(r'^lidar-outlier-filter (replay drives .*?)#', text, re.MULTILINE)
-    assert len(found) == 2
+    (line,) = re.findall(r'^lidar-outlier-filter (replay drives .*?)#', text, re.MULTILINE)
     made = []
-    for line in found:
+    for _ in range(2):
         assert main([*line.split(), SET]) == 0
         made.append(tree(Path('drives_cleaned')))
     assert made[0] == made[1]
