@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 PAGE = Path('doc/results/tables.md')
 DATA = Path('../shared/data')
 SEEDS = (101, 102, 103, 104, 105)
-LEARNT = 1  # the seed that the tuner may see
 PAPERS = ('leslar2010', 'sotoodeh2006', 'sotoodeh2007', 'kang2018', 'pirotti2018')
 QUICK_PRESETS = ('leslar-c', 'pirotti-fcd', 'sotoodeh-hod')
 
@@ -68,7 +67,7 @@ def add_results(commands: Commands) -> None:
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='small presets, one seed, few neighbours, few points, one chain to tune; some minutes',
+        help='small presets, one seed, few points; some minutes',
     )
     parser.add_argument(
         '--sections',
@@ -134,22 +133,6 @@ def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -
     return section(options.presets, options.seeds, options.full, progress)
 
 
-def _failures(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.contest_tables import TARGETS
-    from lidar_outlier_lab.results.gallery import section
-
-    wanted = [preset for preset in options.presets if preset in TARGETS]
-    return {'failures': section(wanted, options.seeds, pictures, progress)}
-
-
-def _neighbours(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.neighbour_curves import FEW, NEIGHBOURS, section
-
-    numbers = FEW if options.quick else NEIGHBOURS
-    text = section(options.seeds[0], numbers, options.presets, pictures, progress)
-    return {'neighbours': text}
-
-
 def _growth(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
     from lidar_outlier_lab.results.growth import section
 
@@ -169,19 +152,9 @@ def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> 
     return write_up(options.papers, options.presets, options.seeds[0], pictures, progress)
 
 
-def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.tuner_proof import CHAINS, section
-
-    preset, chains = ('leslar-c', CHAINS[:1]) if options.quick else ('leslar-b', CHAINS)
-    return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress, chains)}
-
-
 SECTIONS: dict[str, WriteSection] = {
     'contest': _contest,
-    'failures': _failures,
-    'neighbours': _neighbours,
     'growth': _growth,
     'real': _real,
-    'tuner': _tuner,
     'papers': _papers,
 }

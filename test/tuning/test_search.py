@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.tuner_proof import AIM, BAD_START, prove, run
 
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
@@ -23,7 +24,6 @@ from lidar_outlier_filter.tuning.search import (
     tune,
 )
 from lidar_outlier_filter.tuning.training import Training, together
-from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,11 +14,17 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
-from lidar_outlier_lab.results.neighbour_curves import CLOSE, STATISTICS, statistics
 from lidar_outlier_lab.results.papers import pcl_lof, pirotti_buses
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
 from lidar_outlier_lab.results.papers.published import PIROTTI_CLUSTERED, PIROTTI_LIMITS
-from lidar_outlier_lab.results.papers.roc import NEIGHBOURS, Found, explore
+from lidar_outlier_lab.results.papers.roc import (
+    CLOSE,
+    NEIGHBOURS,
+    STATISTICS,
+    Found,
+    explore,
+    statistics,
+)
 from lidar_outlier_lab.simulation.papers import aerial
 
 if TYPE_CHECKING:

@@ -13,8 +13,13 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
-from lidar_outlier_lab.results.neighbour_curves import STATISTICS, statistics
-from lidar_outlier_lab.results.papers.roc import NEIGHBOURS, Found, explore
+from lidar_outlier_lab.results.papers.roc import (
+    NEIGHBOURS,
+    STATISTICS,
+    Found,
+    explore,
+    statistics,
+)
 from lidar_outlier_lab.results.papers.side_views import View, draw
 from lidar_outlier_lab.simulation.papers import bus_tracks
 

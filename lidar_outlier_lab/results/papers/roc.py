@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 
+STATISTICS = ('SOR', 'SOR2', 'LOF', 'LOF2')
+CLOSE = 0.001  # false rejections at which statistics are compared; the paper has none to name
 NEIGHBOURS = (3, 5, 10, 20, 40, 60, 70, 100, 150, 200)
 SHOWN = (3, 10, 20, 60, 200)  # neighbours whose ROC curves are drawn
 
@@ -69,6 +74,18 @@ class Found:
     def best(self, name: str) -> int:
         """Return the index of the k with the largest area."""
         return int(np.argmax(self.auc[name]))
+
+
+def statistics(near: Neighbourhood, k: int) -> dict[str, Floats]:
+    """Measure every point in the four ways, (N,) each."""
+    distance = sor.measure(near, Sor(k=k))
+    factor = lof.measure(near, Lof(min_pts=k))
+    return {
+        'SOR': distance,
+        'SOR2': np.abs(distance - np.median(distance)),
+        'LOF': factor,
+        'LOF2': np.abs(factor - np.median(factor)),
+    }
 
 
 def explore(

@@ -21,7 +21,6 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
-from lidar_outlier_lab.results.neighbour_curves import statistics
 from lidar_outlier_lab.results.papers import (
     kang,
     maps,
@@ -36,6 +35,7 @@ from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
 from lidar_outlier_lab.results.papers.methods import METHODS
 from lidar_outlier_lab.results.papers.pages import PAGES
 from lidar_outlier_lab.results.papers.published import HIERARCHICAL, LOF
+from lidar_outlier_lab.results.papers.roc import statistics
 from lidar_outlier_lab.results.samples import Sample
 from lidar_outlier_lab.simulation.papers import (
     aerial,

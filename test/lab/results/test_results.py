@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of the results: neighbours, run time, real clouds, and the command itself."""
+"""The sections of the results: run time, real clouds, and the command itself."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import pytest
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.evaluation.confusion import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_lab.results import growth, neighbour_curves, real_clouds
-from lidar_outlier_lab.results.samples import simulated
+from lidar_outlier_lab.results import growth, real_clouds
+from lidar_outlier_lab.results.papers import roc
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,29 +27,12 @@ def quiet(_done: int, _total: int, _what: str) -> None:
 def test_statistics() -> None:
     """SOR is the mean distance; SOR2 and LOF2 are distances from the median."""
     xyz = np.random.default_rng(1).normal(size=(60, 3))
-    found = neighbour_curves.statistics(Neighbourhood(xyz, 9), 4)
+    found = roc.statistics(Neighbourhood(xyz, 9), 4)
     apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
     np.testing.assert_allclose(found['SOR'], apart[:, 1:5].mean(axis=1))
     for name in ('SOR', 'LOF'):
         middle = np.median(found[name])
         np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
-
-
-@pytest.mark.slow
-def test_neighbours_of_a_sample(tmp_path: Path) -> None:
-    """Areas are those of the scores, the best is the largest, and both pictures are drawn."""
-    (sample,) = simulated('sotoodeh-hod', 1)
-    found = neighbour_curves.family(sample, (3, 10, 30), quiet)
-    near = Neighbourhood(sample.clouds[0], 30)
-    for k, area in zip((3, 10, 30), found.auc['SOR'], strict=True):
-        values = neighbour_curves.statistics(near, k)['SOR']
-        assert area == curve(sample.data.bad, values).auc
-    for name, areas in found.auc.items():
-        assert areas[(3, 10, 30).index(found.best[name])] == max(areas)
-    assert list(found.curves) == [f'{name}, k = 10' for name in neighbour_curves.STATISTICS]
-    assert set(found.causes['LOF']) == {'single', 'cluster'}
-    for picture in neighbour_curves.draw(found, tmp_path):
-        assert (tmp_path / picture).read_bytes().startswith(b'\x89PNG')
 
 
 def test_growth() -> None:
@@ -102,17 +84,17 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     page = tmp_path / 'page.md'
     page.write_text('# By hand\n')
     command = ['results', '--output', str(page), '--quick', '--presets', 'sotoodeh-hod']
-    command += ['--data', str(tmp_path / 'none'), '--sections', 'contest', 'neighbours', 'real']
+    command += ['--data', str(tmp_path / 'none'), '--sections', 'contest', 'real']
     assert main(command) == 0
     text = page.read_text()
     assert text.startswith('# By hand\n\n<!-- begin default')
-    for part in ('default', 'contest', 'neighbours', 'real'):
+    for part in ('default', 'contest', 'real'):
         assert f'<!-- end {part} -->' in text
     assert '| `hierarchical` |' in text
     said = capsys.readouterr()
     assert 'contest written to' in said.out
     # Where there is no terminal, lines say what goes on; the first one at once.
-    assert said.err.startswith('results: section contest, 0 of 3\n')
+    assert said.err.startswith('results: section contest, 0 of 2\n')
     assert main([*command, '--sections', 'real']) == 0
     assert page.read_text() == text
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Is the tuner right? From bad values, on one seed; against the best there is, on another."""
+"""Compare the tuner with an exhaustive search: tuned on one drive, judged on another."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.output import whole
 from lidar_outlier_filter.tuning.search import Goal, tune
 from lidar_outlier_filter.tuning.search_space import searches
-from lidar_outlier_lab.results.markdown import number, paragraphs, table
-from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.training import Training
 
     Asked = Mapping[str, Sequence[object]]
@@ -36,15 +34,6 @@ BAD_START: Mapping[str, object] = {
     'sor.k': 70,
     'sor.multiplier': 30.0,
 }
-WANTED: Asked = {
-    'alpha_beta_gamma.before': (3, 5),
-    'alpha_beta_gamma.after': (3, 5),
-    'alpha_beta_gamma.order': (1,),
-    'alpha_beta_gamma.sides': ('either', 'both'),
-    'lof.min_pts': (10, 20),
-    'sor.k': (5, 10, 20),
-}
-CHAINS = (('alpha_beta_gamma',), ('lof',), ('sor',), ('alpha_beta_gamma', 'sor'))
 AIM = 0.98  # of the best F1
 EVERY = 8  # of the values of a threshold, in the exhaustive search
 
@@ -107,45 +96,3 @@ def prove(  # noqa: PLR0913  all that it depends on
 def run(data: Training, parameters: FilterParameters) -> Confusion:
     """Count what a chain finds and loses."""
     return confusion(data.bad, data.judge(parameters).rejected)
-
-
-def section(
-    preset: str,
-    seeds: tuple[int, int],
-    progress: Progress,
-    chains: Sequence[tuple[str, ...]] = CHAINS,
-) -> str:
-    """Write up the proof on a preset: tuned on the first seed, judged on the second."""
-    progress(0, 1, f'simulating {preset}')
-    (learnt,), (unseen,) = (simulated(preset, seed) for seed in seeds)
-    proofs = [
-        prove(
-            learnt.data,
-            unseen.data,
-            FilterParameters().changed({**BAD_START, 'chain': chain}),
-            WANTED,
-            progress=progress,
-        )
-        for chain in chains
-    ]
-    rows = [
-        (
-            ', '.join(f'`{name}`' for name in one.chain),
-            *(number(value) for value in (one.start, one.tuned, one.best, one.share)),
-            number(one.promised),
-            f'{one.runs:,}',
-            'yes' if one.share >= AIM else '**no**',
-        )
-        for one in proofs
-    ]
-    head = ('chain', 'F1 at the start', 'tuned', 'best', 'tuned ÷ best', 'promised', 'runs')
-    return paragraphs(
-        '## The tuner',
-        f'Started from deliberately bad values, tuned on `{preset}` with seed {seeds[0]}, judged '
-        f'on seed {seeds[1]}, which it has not seen. Best: of every combination of the settings '
-        f'searched and every {EVERY}th value of the thresholds, run one by one on seed {seeds[1]} '
-        'itself, among those that reject at most 1 % of the good points; of two detectors, each '
-        'beside the other as tuned. Promised: what the tuner said to expect. Aimed at: at least '
-        f'{AIM} of the best.',
-        table((*head, 'reached'), rows),
-    )
