@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib import import_module
 from types import SimpleNamespace
@@ -25,10 +24,7 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 command: Any = import_module('real_snow')
 sweeps: Any = import_module('real_snow_sweeps')
-forms: Any = import_module('real_snow_forms')
-peers: Any = import_module('real_snow_peers')
-outdet: Any = import_module('real_snow_outdet')
-page: Any = import_module('real_snow_page')
+judges: Any = import_module('real_snow_judges')
 
 TABLE = ROOT / 'benchmarks' / 'pandar64.csv'
 SHOTS, EMPTY = 200, range(50, 60)  # shots of a made-up sweep, and those without any return
@@ -157,7 +153,7 @@ def test_forms(folder: Path) -> None:
     """Each form has the points that it says; copies know what they are of."""
     made = make(1)
     (_, sweep, _) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
-    given = {name: forms.cloud(sweep, form) for name, form in forms.FORMS.items()}
+    given = {name: sweeps.cloud(sweep, form) for name, form in sweeps.FORMS.items()}
     assert len(given['both']) == len(made.ring)
     assert len(given['once']) == np.count_nonzero(~made.copy)
     pairs = set(zip(made.shot.tolist(), made.ring.tolist(), strict=True))
@@ -180,7 +176,7 @@ def cloud_of(xyz: Any, label: Any, source: Any = None, intensity: float = 20.0) 
     position = np.asarray(xyz, np.float32)
     own = np.arange(len(position)) if source is None else np.asarray(source)
     bright = np.full(len(position), intensity, np.float32)
-    return forms.Cloud('one', position, bright, np.asarray(label, np.uint16), None, None, own)
+    return sweeps.Cloud('one', position, bright, np.asarray(label, np.uint16), None, None, own)
 
 
 def test_figures() -> None:
@@ -189,7 +185,7 @@ def test_figures() -> None:
     xyz[:, 0] = 1.0, 2.0, 2.9, 3.0, 49.0, 50.0, 200.0
     cloud = cloud_of(xyz, [110, 110, 40, 40, 110, 50, 50])
     rejected = np.array([True, False, True, False, True, False, False])
-    found = forms.count([cloud], forms.Verdict([rejected], 2.0, 'by hand'))
+    found = sweeps.count([cloud], sweeps.Verdict([rejected], 2.0, 'by hand'))
     assert found.whole == Confusion(found=2, missed=1, lost=1, kept=3)
     assert found.whole.f1 == pytest.approx(2 / 3)
     assert found.classes == {40: (2, 1), 50: (2, 0), 110: (3, 2)}
@@ -204,12 +200,12 @@ def test_best_threshold() -> None:
     """Worked out by hand; equal scores are rejected together."""
     score = np.array([5, 4, 3, 3, 2, 1], np.float32)
     snow = np.array([True, False, True, False, False, False])
-    assert peers.f1(snow, score >= 5) == pytest.approx(2 / 3)
-    assert peers.f1(snow, score >= 3) == pytest.approx(2 / 3)
-    assert peers.best_threshold(score, snow) == 5
+    assert judges.f1(snow, score >= 5) == pytest.approx(2 / 3)
+    assert judges.f1(snow, score >= 3) == pytest.approx(2 / 3)
+    assert judges.best_threshold(score, snow) == 5
     snow[4] = True
     # From 5 on F1 is 2 / (1 + 3), from 3 on 4 / (4 + 3), from 2 on 6 / (5 + 3).
-    assert peers.best_threshold(score, snow) == 2
+    assert judges.best_threshold(score, snow) == 2
 
 
 def brute(xyz: NDArray[np.float64]) -> tuple[Any, Any, Any]:
@@ -231,7 +227,7 @@ def test_neighbours_of_peers() -> None:
     copied = np.array([3, 3, 17])
     with_copies = np.concatenate([xyz, xyz[copied]])
     given = cloud_of(with_copies, np.zeros(63), [*range(60), *copied])
-    found, expected = peers.neighbours(given), brute(xyz.astype(np.float64))
+    found, expected = judges.neighbours(given), brute(xyz.astype(np.float64))
     for mine, its in zip(found, expected, strict=True):
         np.testing.assert_allclose(mine[:60], its, rtol=1e-5, atol=1e-6)
         np.testing.assert_array_equal(mine[60:], mine[copied])
@@ -244,8 +240,8 @@ def test_peers_find_what_their_rules_say() -> None:
     flakes = np.column_stack([np.full(5, 5.0), np.arange(5) - 2.0, np.zeros(5)])
     cloud = cloud_of(np.concatenate([wall, flakes]), [BUILDING] * 1600 + [SNOW] * 5)
     cloud.intensity[1600:] = 0.0
-    seen = peers.features([cloud, cloud])
-    for name, judge in peers.PEERS.items():
+    seen = judges.features([cloud, cloud])
+    for name, judge in judges.PEERS.items():
         verdict = judge(seen)
         assert len(verdict.rejected) == 2
         for mask in verdict.rejected:
@@ -264,12 +260,12 @@ def test_the_network_is_asked_as_its_own_code_asks() -> None:
         first = np.arange(30.0) < 4
         return [np.column_stack([~first, first]).astype(np.float32)]
 
-    verdict = outdet.judge([cloud_of(xyz, np.zeros(30))], SimpleNamespace(run=run))
+    verdict = judges.by_network([cloud_of(xyz, np.zeros(30))], SimpleNamespace(run=run))
     assert np.flatnonzero(verdict.rejected[0]).tolist() == [0, 1, 2, 3]
     assert asked['dist'].shape == asked['indices'].shape == (30, 9)
     np.testing.assert_array_equal(asked['indices'][:, 0], np.arange(30))
     np.testing.assert_array_equal(asked['dist'][:, 0], 1.0)
-    back = asked['points'] * outdet.DEVIATION + outdet.MEAN
+    back = asked['points'] * judges.DEVIATION + judges.MEAN
     np.testing.assert_allclose(back[:, 3], 20.0, rtol=1e-6)
 
 
@@ -277,7 +273,7 @@ def test_a_missing_package_is_said(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The network needs one that nothing else needs."""
-    monkeypatch.setattr(outdet, 'find_spec', lambda _name: None)
+    monkeypatch.setattr(judges, 'find_spec', lambda _name: None)
     options = ['--judges', '3D-OutDet', '--outdet', 'outdet.onnx']
     assert command.main([str(folder), *options]) == 1
     assert capsys.readouterr().err == (
@@ -285,39 +281,29 @@ def test_a_missing_package_is_said(
     )
 
 
-def figures(found: int, missed: int, lost: int, kept: int) -> Any:
-    """Make figures whose points are all in the first range, and good ones are of poles."""
-    classes = {SNOW: (found + missed, found), 80: (lost + kept, lost)}
-    return forms.Figures(1, 1.0, '', classes, ((found, missed, lost, kept), *[(0, 0, 0, 0)] * 7))
+def test_peers_with_a_better_f1_are_named() -> None:
+    """They are named below the tables; or that there is none."""
 
+    def figures(*counts: int) -> Any:
+        return sweeps.Figures(1, 1.0, '', {}, (counts,))
 
-def test_where_a_peer_is_better_is_said() -> None:
-    """By F1, by class and by range; and that nobody is."""
     own, other = figures(50, 50, 4, 96), figures(80, 20, 2, 98)
-    said = page.worse({'default': own, 'LIOR': other})
-    assert 'a better F1 than the default: LIOR.' in said
-    assert 'loses less: poles, 2.00 % against 4.00 %' in said
-    assert 'more of the snow: 0 to 3 m, 80.00 % against 50.00 %' in said
-    said = page.worse({'default': other, 'LIOR': own})
-    assert 'a better F1 than the default: none.' in said
-    assert said.count(': none') == 4
-    assert 'same sweeps' not in said
-    fewer = forms.Figures(2, 1.0, '', own.classes, own.ranges)
-    assert 'did not judge the same sweeps' in page.worse({'default': other, 'LIOR': fewer})
+    said = 'Peers with a better F1 than the default: {}.'
+    assert command.worse({'default': own, 'LIOR': other}) == said.format('LIOR')
+    assert command.worse({'default': other, 'LIOR': own}) == said.format('none')
 
 
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Tables of each form are printed and written; kept figures give the same page again."""
-    kept, written, drawn = (tmp_path / name for name in ('kept.json', 'page.md', 'drawn'))
+    """Tables of each form are printed and written."""
+    written = tmp_path / 'page.md'
     written.write_text('# By hand\n', encoding='utf-8')
-    options = ['--figures', str(kept), '--write', str(written)]
-    assert command.main([str(folder), *options, '--every', '2', '--pictures', str(drawn)]) == 0
-    printed, said = capsys.readouterr().out, written.read_text(encoding='utf-8')
+    options = [str(folder), '--write', str(written), '--every', '2']
+    everything = command.run(command.parse(options))
+    said = written.read_text(encoding='utf-8')
     assert said.startswith(
         '# By hand\n\n<!-- begin real-snow: written by `benchmarks/real_snow.py`'
     )
-    assert printed.strip() in said
-    everything = json.loads(kept.read_text(encoding='utf-8'))
+    assert capsys.readouterr().out.strip() in said
     assert list(everything) == ['both', 'once', 'last', 'xyzi']
     made = [make(0), make(2)]
     points = {
@@ -325,15 +311,12 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
         'once': sum(np.count_nonzero(~one.copy) for one in made),
     }
     for form, judged in everything.items():
-        assert list(judged) == ['default', *peers.PEERS]
-        assert {one['sweeps'] for one in judged.values()} == {2}
-        counted = {sum(map(sum, one['ranges'])) for one in judged.values()}
+        assert list(judged) == ['default', *judges.PEERS]
+        assert {one.sweeps for one in judged.values()} == {2}
+        counted = {one.whole.total for one in judged.values()}
         assert counted == {points.get(form, counted.copy().pop())}
-        assert (drawn / f'{form}.png').read_bytes().startswith(b'\x89PNG')
-    for name in peers.PEERS:
+    for name in judges.PEERS:
         assert everything['xyzi'][name] == everything['last'][name]
-    assert command.main([str(folder), *options, '--judges']) == 0
-    assert written.read_text(encoding='utf-8') == said
 
 
 def test_where_there_is_no_sequence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,334 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judges of sweeps of WADS: the default as it is shipped, a published network, and peers.
+
+Peers have the thresholds that are best for the labels, the same for all sweeps; nobody knows them
+in the field. Copies take no part in their neighbourhoods, as each would be its own nearest
+neighbour: a copy has the verdict of its point.
+"""
+
+# ruff: noqa: INP001  a part of a script, no package
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from real_snow_sweeps import Verdict
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter import CloudFilter
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import NDArray
+    from real_snow_sweeps import Cloud
+
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
+    from lidar_outlier_filter.files.judged_file import JudgedFile
+
+HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says
+XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]
+MESSAGE = np.dtype([*XYZI, ('ring', '<u2'), ('timestamp', '<f8'), ('index', '<u4')])
+FILE = np.dtype(XYZI)
+PCD = """VERSION 0.7
+FIELDS x y z intensity
+SIZE 4 4 4 4
+TYPE F F F F
+COUNT 1 1 1 1
+WIDTH {0}
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS {0}
+DATA binary
+"""
+NETWORK_NEIGHBOURS = 9  # the point itself among them
+AWAY = 1.0  # metres, added to their distances
+# Of x, y, z and intensity in its training, from its own code
+MEAN = np.array([0.3420934, -0.01516175, -0.5889243, 9.875928])
+DEVIATION = np.array([25.845459, 18.93466, 1.5863657, 14.734034])
+NEIGHBOURS = 20  # of SOR and LOF
+NEAREST = 10  # whose distances the rules use
+SPACING = np.radians(0.2)  # between shots
+AVERAGED = 5  # distances of the range-scaled one
+MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 14.0, 20.0)
+LEAST = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # metres
+COUNTS = (1, 2, 3, 4, 5, 6, 8, 10)
+DARKEST = (0, 1, 2, 4, 8)
+REACHES = (10.0, 12.0, 15.0, 20.0, 30.0, 71.0)  # metres; LIOR's own is 71
+RADII = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5)  # metres; 0: neighbours do not matter
+SHARES = (0.004, 0.007, 0.01, 0.014, 0.02, 0.03)  # of the range
+
+
+def by_default(clouds: Sequence[Cloud]) -> Verdict:
+    """Judge clouds as a stream where they have rings and times, and else as files."""
+    bare = any(one.ring is None for one in clouds)
+    return as_files(clouds) if bare else as_stream(clouds)
+
+
+def as_stream(clouds: Sequence[Cloud]) -> Verdict:
+    """Judge clouds one after the other, as the node and `replay` do."""
+    messages = [message(one) for one in clouds]
+    filters = [CloudFilter(read_yaml(HESAI)) for _ in range(2)]
+    filters[0].push(messages[0])  # what is compiled or read once is no part of the time
+    filters[0].flush()
+    begin = perf_counter()
+    answers = [answer for one in messages for answer in filters[1].push(one)]
+    answers += filters[1].flush()
+    seconds = perf_counter() - begin
+    if len(answers) != len(clouds):
+        raise RecordingError('the answers', f'{len(clouds)}, one for each sweep', len(answers))
+    rejected = []
+    for one, answer in zip(clouds, answers, strict=True):
+        mask = np.zeros(len(one), np.bool_)
+        mask[answer.outliers['index']] = True
+        rejected.append(mask)
+    return Verdict(rejected, seconds, '')
+
+
+def message(cloud: Cloud) -> NDArray[np.void]:
+    """Lay out a cloud as Hesai's driver does, and number its points."""
+    points = _points(cloud, MESSAGE)
+    points['ring'] = cloud.ring
+    points['timestamp'] = np.asarray(cloud.time) / 1e9
+    points['index'] = np.arange(len(cloud))
+    return points
+
+
+def as_files(clouds: Sequence[Cloud]) -> Verdict:
+    """Judge each cloud alone, as `clean` does; writing the answer is no part of the time."""
+    rejected: list[Bools] = []
+
+    def look(judged: JudgedFile) -> None:
+        rejected.append(judged.verdict.rejected)
+
+    with TemporaryDirectory() as folder:
+        paths = [_write(one, Path(folder)) for one in clouds]
+        output, dry = Path(folder, 'cleaned.pcd'), CleanOptions(dry=True)
+        # What is compiled or read once is no part of the time.
+        clean_file(paths[0], output, FilterParameters(), dry)
+        begin = perf_counter()
+        for path in paths:
+            clean_file(path, output, FilterParameters(), dry, inspect=look)
+        return Verdict(rejected, perf_counter() - begin, '')
+
+
+def _write(cloud: Cloud, folder: Path) -> Path:
+    """Write a cloud as PCD of x, y, z and intensity alone."""
+    path = folder / f'{Path(cloud.name).stem}.pcd'
+    path.write_bytes(PCD.format(len(cloud)).encode() + _points(cloud, FILE).tobytes())
+    return path
+
+
+def _points(cloud: Cloud, layout: np.dtype[np.void]) -> NDArray[np.void]:
+    points = np.zeros(len(cloud), layout)
+    for axis, column in zip('xyz', cloud.xyz.T, strict=True):
+        points[axis] = column
+    points['intensity'] = cloud.intensity
+    return points
+
+
+def load_network(path: Path) -> Any:
+    """Load the network.
+
+    Raises
+    ------
+    RecordingError
+        If onnxruntime is not installed, or the file is no network.
+
+    """
+    if find_spec('onnxruntime') is None:
+        raise RecordingError('the package onnxruntime', 'installed for --outdet', 'no such package')
+    onnxruntime = import_module('onnxruntime')
+    try:
+        return onnxruntime.InferenceSession(path.read_bytes(), providers=['CPUExecutionProvider'])
+    except Exception as err:  # its errors have no common class
+        raise RecordingError(str(path), 'a network in an ONNX file', err) from err
+
+
+def by_network(clouds: Sequence[Cloud], network: Any) -> Verdict:
+    """Judge each cloud alone by 3D-OutDet, all points of it, copies too, as in its training.
+
+    Raisuddin, Cortinhal, Holmblad and Aksoy (2024); the network was trained on WADS.
+    """
+    begin = perf_counter()
+    rejected = [_by_network(one, network) for one in clouds]
+    return Verdict(rejected, perf_counter() - begin, '')
+
+
+def _by_network(cloud: Cloud, network: Any) -> Bools:
+    """Return which points it takes for snow."""
+    given = np.column_stack([cloud.xyz, cloud.intensity]).astype(np.float64)
+    distance, index = cKDTree(given[:, :3]).query(given[:, :3], NETWORK_NEIGHBOURS, workers=-1)
+    answer = network.run(
+        None,
+        {
+            'points': ((given - MEAN) / DEVIATION).astype(np.float32),
+            'dist': (distance + AWAY).astype(np.float32),
+            'indices': index.astype(np.int64),
+        },
+    )[0]
+    found: Bools = answer[:, 1] > answer[:, 0]
+    return found
+
+
+class Features(NamedTuple):
+    """What peers see of the N points of all clouds, copies among them.
+
+    ``near`` (N, 10) are distances to the nearest points, ``sor`` the mean of 20 of them, as
+    standard deviations from the mean of the sweep, ``lof`` the local outlier factor, all (N,).
+    ``seconds`` is what neighbours took, ``splits`` where clouds end.
+    """
+
+    snow: Bools
+    range: Singles
+    flat: Singles
+    intensity: Singles
+    near: Singles
+    sor: Singles
+    lof: Singles
+    seconds: float
+    splits: Ints
+
+
+def features(clouds: Sequence[Cloud]) -> Features:
+    """Measure all clouds."""
+    begin = perf_counter()
+    near, sor, lof = zip(*map(neighbours, clouds), strict=True)
+    seconds = perf_counter() - begin
+    xyz = np.concatenate([one.xyz for one in clouds]).astype(np.float64)
+    return Features(
+        np.concatenate([one.snow for one in clouds]),
+        np.linalg.norm(xyz, axis=1).astype(np.float32),
+        np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float32),
+        np.concatenate([one.intensity for one in clouds]),
+        np.concatenate(near),
+        np.concatenate(sor),
+        np.concatenate(lof),
+        seconds,
+        np.cumsum([len(one) for one in clouds])[:-1],
+    )
+
+
+def neighbours(cloud: Cloud) -> tuple[Singles, Singles, Singles]:
+    """Return distances to the nearest points, SOR's and LOF's statistics; see ``Features``."""
+    own = np.flatnonzero(cloud.source == np.arange(len(cloud)))
+    xyz = cloud.xyz[own].astype(np.float64)
+    distance, index = cKDTree(xyz).query(xyz, NEIGHBOURS + 1, workers=-1)
+    distance, index = distance[:, 1:], index[:, 1:]
+    mean = distance.mean(axis=1)
+    far = distance[:, -1]
+    density = NEIGHBOURS / np.maximum(distance, far[index]).sum(axis=1).clip(1e-9)
+    of = np.searchsorted(own, cloud.source)  # the measured point of each
+    found = (
+        distance[:, :NEAREST],
+        (mean - mean.mean()) / mean.std(),
+        density[index].mean(axis=1) / density,
+    )
+    near, sor, lof = (one.astype(np.float32)[of] for one in found)
+    return near, sor, lof
+
+
+def f1(snow: Bools, rejected: Bools) -> float:
+    """Return the harmonic mean of precision and recall."""
+    both = int(np.count_nonzero(snow)) + int(np.count_nonzero(rejected))
+    return 2 * int(np.count_nonzero(snow & rejected)) / max(both, 1)
+
+
+def best_threshold(score: Singles, snow: Bools) -> float:
+    """Return the threshold with the best F1, where points from it on are rejected."""
+    order = np.argsort(-score)
+    ranked = score[order]
+    found = np.cumsum(snow[order])
+    values = 2 * found / (np.arange(1, len(score) + 1) + found[-1])
+    values[:-1][ranked[1:] == ranked[:-1]] = -1.0  # equal scores are rejected together
+    return float(ranked[values.argmax()])
+
+
+def _scored(said: str, score: Callable[[Features], Singles]) -> Callable[[Features], Verdict]:
+    """Make a judge of a score."""
+
+    def judge(seen: Features) -> Verdict:
+        values = score(seen)
+        threshold = best_threshold(values, seen.snow)
+        rejected = np.split(values >= threshold, seen.splits)
+        return Verdict(rejected, seen.seconds, said.format(threshold))
+
+    return judge
+
+
+def _ruled(
+    said: str,
+    settings: Callable[[], Iterable[tuple[float, ...]]],
+    rule: Callable[..., Bools],
+) -> Callable[[Features], Verdict]:
+    """Make a judge of a rule with several parameters, all of whose settings are tried."""
+
+    def judge(seen: Features) -> Verdict:
+        found = [(f1(seen.snow, rule(seen, *one)), one) for one in settings()]
+        setting = max(found)[1]
+        rejected = np.split(rule(seen, *setting), seen.splits)
+        return Verdict(rejected, seen.seconds, said.format(*setting))
+
+    return judge
+
+
+def dror(seen: Features, multiple: float, least: float, count: float) -> Bools:
+    """Reject what has fewer than so many points within a radius that grows with the range."""
+    radius = np.maximum(least, multiple * SPACING * seen.flat)
+    found: Bools = seen.near[:, int(count) - 1] > radius
+    return found
+
+
+def lior(seen: Features, darkest: float, reach: float, radius: float, count: float) -> Bools:
+    """Reject what is dark, near, and has fewer than so many points within a radius."""
+    dark = (seen.intensity <= darkest) & (seen.range < reach)
+    found: Bools = dark & (seen.near[:, int(count) - 1] >= radius)
+    return found
+
+
+def three(seen: Features, darkest: float, reach: float, share: float) -> Bools:
+    """Reject what is dark, near, and far from others for its range."""
+    dark = (seen.intensity <= darkest) & (seen.range < reach)
+    found: Bools = dark & (scaled(seen) > share)
+    return found
+
+
+def scaled(seen: Features) -> Floats:
+    """Return the mean distance to five others as a part of the range."""
+    found: Floats = seen.near[:, :AVERAGED].mean(axis=1) / seen.range
+    return found
+
+
+PEERS: dict[str, Callable[[Features], Verdict]] = {
+    'DROR': _ruled(
+        'radius {:g} × 0.2° × range, at least {:g} m; fewer than {:g} others',
+        lambda: product(MULTIPLES, LEAST, COUNTS),
+        dror,
+    ),
+    'SOR': _scored('20 others, {:.3g} standard deviations', lambda seen: seen.sor),
+    'LOF': _scored('20 others, factor {:.3g}', lambda seen: seen.lof),
+    'range-scaled distance': _scored('5 others, {:.3g} × range', scaled),
+    'LIOR': _ruled(
+        'intensity ≤ {:g}, range < {:g} m; within {:g} m fewer than {:g} others',
+        lambda: product(DARKEST, REACHES, RADII, COUNTS),
+        lior,
+    ),
+    'intensity, range, distance': _ruled(
+        'intensity ≤ {:g}, range < {:g} m, mean distance to 5 others > {:g} × range',
+        lambda: product(DARKEST, REACHES, SHARES),
+        three,
+    ),
+}
