@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -90,26 +91,36 @@ def is_recording(path: Path) -> bool:
 
 
 def by_number(folder: Path) -> list[Path]:
-    """List the files of a folder in the order of the numbers in their names.
+    """List the files of a folder by the one number in which their names differ: that of the cloud.
 
-    Hidden files are ignored.
+    Seconds of ten digits and nanoseconds of nine, with a dot or _ between, are one number. What
+    begins with a dot is passed over.
 
     Raises
     ------
     RecordingError
-        If there is no file.
+        If there is no file, or two names differ in anything else.
 
     """
     paths = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith('.')]
     if not paths:
         raise RecordingError('the folder of the labels', 'with files', f'{folder}, empty')
-    return sorted(paths, key=_numbers_apart)
+    paths.sort(key=_parts)
+    index = None
+    for one, other in pairwise(paths):
+        parts = enumerate(zip_longest(_parts(one), _parts(other)))
+        differ = [number for number, (this, that) in parts if this != that]
+        index = differ[0] if index is None and differ else index
+        if differ != [index] or differ[0] % 2 == 0:
+            must_be = 'alike but for one number, that of the cloud'
+            raise RecordingError(f'the names in {folder}', must_be, f'{one.name} and {other.name}')
+    return paths
 
 
-def _numbers_apart(path: Path) -> tuple[list[str | int], str]:
-    """Split a name into strings, at even indices, and the numbers between them."""
-    parts = re.split(r'(\d+)', path.name)
-    return [int(part) if index % 2 else part for index, part in enumerate(parts)], path.name
+def _parts(path: Path) -> list[str | int]:
+    """Cut a name into texts, at even indices, and the numbers between them."""
+    name = re.sub(r'(\d{10})[._](\d{9})(?!\d)', r'\1\2', path.name)
+    return [int(part) if index % 2 else part for index, part in enumerate(re.split(r'(\d+)', name))]
 
 
 def column_names(path: Path) -> Collection[str]:

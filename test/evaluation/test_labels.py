@@ -12,12 +12,13 @@ import pyarrow as pa
 import pytest
 from pyarrow import csv, parquet
 
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.judged import ColumnNames, read_files
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
     USUAL_CODES,
     Codes,
+    by_number,
     is_recording,
     parse_codes,
     read_codes,
@@ -224,3 +225,28 @@ def test_real_labelled_cloud(recordings: Path) -> None:
     codes = read_codes(path, 'classification')
     assert len(codes) == 218_731
     assert np.count_nonzero(Codes(frozenset({65})).bad(codes)) == 89
+
+
+@pytest.mark.parametrize(
+    ('names', 'got'),
+    [
+        (['a.label', 'b.label'], 'a.label and b.label'),
+        (['1_1.label', '1_2.label', '2_1.label'], '1_2.label and 2_1.label'),
+        (['1_1.label', '1_2.label', '2_2.label'], '1_2.label and 2_2.label'),
+        (['1.label', '01.label'], '1.label'),
+        (['1.label', '2.label', 'README'], '2.label and README'),
+        (['1.label', '2.npy'], '1.label and 2.npy'),
+        (['1.label', '1_2.label'], '1.label and 1_2.label'),
+    ],
+)
+def test_labels_of_which_the_clouds_are_not_known(
+    tmp_path: Path, names: list[str], got: str
+) -> None:
+    """Names that differ in more than one number, or less, are refused."""
+    for name in names:
+        (tmp_path / name).touch()
+    sentence = f'the names in {tmp_path} must be alike but for one number, that of the cloud, got '
+    with pytest.raises(RecordingError) as caught:
+        by_number(tmp_path)
+    assert str(caught.value).startswith(sentence)
+    assert got in str(caught.value)
