@@ -232,7 +232,7 @@ def settings(_data: Path, path: Path) -> None:
 
 DRIVES: Mapping[str, Stage] = {'drives/a': copy(VELODYNE), 'drives/b': copy(VELODYNE)}
 STAGES: Mapping[str, Mapping[str, Stage]] = {
-    'README.md': {'my_recording': copy(VELODYNE), 'survey.laz': points(AIRBORNE)},
+    'README.md': {'my_recording': copy(VELODYNE), **DRIVES, 'survey.laz': points(AIRBORNE)},
     'doc/bags.md': {'my_recording': copy(VELODYNE)},
     'doc/archives.md': DRIVES,
     'doc/files.md': {

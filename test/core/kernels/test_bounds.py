@@ -21,7 +21,7 @@ CORE = TESTS / 'core'
 CHECKED = [
     *(
         f'neighbours/test_neighbours.py::test_{name}'
-        for name in ('small_clouds', 'all_equally_far', 'some_lists_are_those_of_all')
+        for name in ('equals_the_naive_twin', 'all_equally_far', 'some_lists_are_those_of_all')
     ),
     'detectors/boosted_trees/test_profile_pattern.py',
     'detectors/boosted_trees/test_scan_pattern.py',
