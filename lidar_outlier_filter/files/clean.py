@@ -118,10 +118,14 @@ class CleanReport:
         """Whether no point could be tested."""
         return self.points == self.untested + self.invalid + self.ignored
 
-    def as_json(self) -> str:
-        """Write the log; what detectors say more stands among the other fields."""
+    def as_log(self) -> dict[str, Any]:
+        """Return the log; what detectors say more stands among the other fields."""
         values = asdict(self)
-        return json.dumps({**values, **values.pop('extra')}, indent=2) + '\n'
+        return {**values, **values.pop('extra')}
+
+    def as_json(self) -> str:
+        """Write the log."""
+        return json.dumps(self.as_log(), indent=2) + '\n'
 
 
 def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files

@@ -7,30 +7,17 @@ from __future__ import annotations
 import copy
 from collections import Counter
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import bits, reasons
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from lidar_outlier_filter.core.verdict import Verdict
 
 MAX_REASONS = 50  # far more than there are
 OTHER_REASONS = 'other reasons'
-# Counts of clouds and points that were judged.
-JUDGED = (
-    'messages',
-    'points',
-    'invalid',
-    'dropped',
-    'untested',
-    'outliers',
-    'rejected',
-    'undecided',
-)
 
 
 class CountsByReason(Counter[str]):
@@ -95,19 +82,6 @@ class Statistics:
         """Copy the counts."""
         values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
         return Statistics(**values)
-
-    def as_counts(self) -> dict[str, Any]:
-        """Give what was counted of clouds and points that were judged, as plain numbers by name."""
-        values = {name: getattr(self, name) for name in JUDGED}
-        return {k: dict(v) if isinstance(v, Counter) else v for k, v in values.items()}
-
-    def add_counts(self, counts: Mapping[str, Any]) -> None:
-        """Add what :meth:`as_counts` gave."""
-        for name, value in counts.items():
-            if isinstance(value, int):
-                setattr(self, name, getattr(self, name) + value)
-            else:
-                getattr(self, name).update(value)
 
     def count_bypassed(self, points: int, reason: str) -> None:
         """Add a cloud that was not filtered."""

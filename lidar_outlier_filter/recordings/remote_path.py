@@ -140,10 +140,5 @@ class RemotePath:
         with reached(self):
             return bytes(self.system.cat_file(self.key)).decode(encoding or 'utf-8')
 
-    def write_from(self, file: Path) -> None:
-        """Write a small file there, in place of what is there."""
-        with written(self):
-            self.system.put_file(str(file), self.key)
-
 
 RecordingPath = Path | RemotePath

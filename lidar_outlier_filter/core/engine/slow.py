@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
 from lidar_outlier_filter.core.kernels.compile_listeners import listeners
@@ -44,6 +46,49 @@ class SlowDetector(NamedTuple):
         return f'{self.name} takes more than {self.limit:g} s for {self.points} points{begin}'
 
 
+class _Watchdog:
+    """One thread for all watched blocks: starting one for each costs more than some blocks take."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the thread: a forked process has none."""
+        self._changed = threading.Condition()
+        self._due: dict[object, tuple[float, Callable[[], object]]] = {}
+        self._wakes = float('-inf')  # time at which the thread looks again; it is not started
+
+    def add(self, key: object, due: float, call: Callable[[], object]) -> None:
+        """Call a function at a time, unless it is removed before."""
+        with self._changed:
+            self._due[key] = (due, call)
+            if self._wakes == float('-inf'):
+                threading.Thread(target=self._run, name='slow detectors', daemon=True).start()
+                self._wakes = due
+            elif due < self._wakes:
+                self._changed.notify()
+
+    def remove(self, key: object) -> None:
+        """Do not call it any more."""
+        with self._changed:
+            self._due.pop(key, None)
+
+    def _run(self) -> None:
+        with self._changed:
+            while True:
+                now = monotonic()
+                for key in [key for key, (due, _) in self._due.items() if due <= now]:
+                    _, call = self._due.pop(key)
+                    # A thread of its own: whatever it does, the others are still watched.
+                    threading.Thread(target=call, daemon=True).start()
+                self._wakes = min((due for due, _ in self._due.values()), default=float('inf'))
+                self._changed.wait(None if not self._due else self._wakes - now)
+
+
+_watchdog = _Watchdog()
+os.register_at_fork(after_in_child=_watchdog.reset)
+
+
 @contextmanager
 def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) -> Iterator[None]:
     """Report a detector from another thread if the enclosed block takes too long.
@@ -61,21 +106,19 @@ def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) ->
     if say is None:
         yield
         return
-    limit, call = SLOW_FACTOR * max_delay, say
+    key, limit, call = object(), SLOW_FACTOR * max_delay, say
 
     def report() -> None:
         times = points.t[points.valid]
         call(SlowDetector(name, limit, len(times), int(times.min())))
 
     def compiles(_module: str) -> None:
-        timer.cancel()
+        _watchdog.remove(key)
 
-    timer = threading.Timer(limit, report)
-    timer.daemon = True
-    timer.start()
+    _watchdog.add(key, monotonic() + limit, report)
     listeners.append(compiles)
     try:
         yield
     finally:
         listeners.remove(compiles)
-        timer.cancel()
+        _watchdog.remove(key)
