@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from helpers.archives import cleaning, content, hidden, replaying, tree, write_clouds, write_drives
+from helpers.archives import command_of, content, hidden, tree
 
 from lidar_outlier_filter.archive import jobs
 from lidar_outlier_filter.cli.main import main
@@ -32,11 +32,7 @@ def words(
 ) -> list[str]:
     """Give a command that has two outputs, of which one is ``out/first…`` or ``out/000…``."""
     monkeypatch.chdir(tmp_path)
-    if request.param == 'replay':
-        write_drives(Path('in'))
-        return replaying('in', OUT)
-    write_clouds(Path('in'), 2)
-    return cleaning('in', OUT, '--rejected', 'separate')
+    return command_of(request.param, Path())
 
 
 def first(suffix: str = '') -> Path:

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from helpers.archives import (
     cleaning,
+    command_of,
     content,
     hidden,
     records,
-    replaying,
     signalled,
     write_clouds,
-    write_drives,
 )
 
 from lidar_outlier_filter.archive import jobs, publish
@@ -47,11 +46,7 @@ def words(
 ) -> list[str]:
     """Give a command with two tasks, and for files two outputs each."""
     monkeypatch.chdir(tmp_path)
-    if request.param == 'replay':
-        write_drives(Path('in'))
-        return replaying('in', OUT)
-    write_clouds(Path('in'), 2)
-    return cleaning('in', OUT, '--rejected', 'separate')
+    return command_of(request.param, Path())
 
 
 STEPS = ('publish.write', 'publish._rename', 'new_files.publish', 'Path.rename', 'publish.remove')

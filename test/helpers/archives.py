@@ -75,6 +75,16 @@ def cleaning(clouds: Path | str, output: Path | str, *options: str) -> list[str]
     return ['clean', str(clouds), '--output', str(output), '--chain', 'sor', *options]
 
 
+def command_of(verb: str, folder: Path) -> list[str]:
+    """Write two inputs to ``folder/in``; return a command that makes their outputs in ``out``."""
+    source, output = folder / 'in', folder / 'out'
+    if verb == 'replay':
+        write_drives(source)
+        return replaying(source, output)
+    write_clouds(source, 2)
+    return cleaning(source, output, '--rejected', 'separate')
+
+
 def signalled(words: list[str], number: signal.Signals, last: int) -> tuple[int, str]:
     """Run a command that sends itself a signal after so many tasks; return status and stderr."""
     command = [sys.executable, '-c', SIGNALLING, str(int(number)), '0', str(last), *words]
