@@ -16,10 +16,10 @@ from lidar_outlier_filter.cli.tables import show_replayed, status
 from lidar_outlier_filter.cli.terminal import (
     LINE_PERIOD,
     beside,
-    progress_bar,
     read_parameters,
     say,
     saying_how_far,
+    stoppable_bar,
     stopping,
 )
 from lidar_outlier_filter.errors import FilterError
@@ -130,24 +130,19 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
     parameters = read_parameters(options.params, options.settings, options.chain)
     with (
         saying_how_far(lambda: f'nothing is written to {output}; the same command starts over'),
-        stopping() as leave,
-        progress_bar(path.name) as advance,
+        stoppable_bar(path.name) as progress,
+        new_bag(output) as built,
+        staged(location) as source,
     ):
-
-        def progress(done: int, total: int) -> None:
-            leave()
-            advance(done, total)
-
-        with new_bag(output) as built, staged(location) as source:
-            report = replay(
-                source,
-                built,
-                parameters=parameters,
-                **_replay_options(options),
-                progress=progress,
-                inform=say,
-            )
-            location.check_unchanged()
+        report = replay(
+            source,
+            built,
+            parameters=parameters,
+            **_replay_options(options),
+            progress=progress,
+            inform=say,
+        )
+        location.check_unchanged()
     return replace(report, output=output)
 
 
