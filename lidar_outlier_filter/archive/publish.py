@@ -9,6 +9,7 @@ sidecar is there. So what a killed run named is known as an output of a run.
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -128,11 +129,13 @@ def _files_at(path: RecordingPath, name: str) -> dict[str, RecordingPath]:
         return {name + str(one)[len(str(path)) :]: one for one in files_below(path)}
     if path.is_symlink() or not path.is_dir():
         return {name: path} if exists(path) else {}
-    inside: dict[str, RecordingPath] = {
-        f'{name}/{one.relative_to(path)}': one
-        for one in sorted(path.rglob('*'))
-        if one.is_symlink() or not one.is_dir() or not any(one.iterdir())
-    }
+    inside: dict[str, RecordingPath] = {}
+    for folder, folders, names in os.walk(path):  # a run at the same time may move the folder
+        here = Path(folder)
+        links = [one for one in folders if (here / one).is_symlink()]
+        is_empty = not folders and not names and here != path
+        listed = [here] if is_empty else [here / one for one in (*names, *links)]
+        inside.update({f'{name}/{one.relative_to(path)}': one for one in listed})
     return inside or {name: path}
 
 

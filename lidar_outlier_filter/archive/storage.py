@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,8 +41,15 @@ def file_state(path: RecordingPath) -> State:
 def files_below(path: RecordingPath) -> dict[RecordingPath, State]:
     """List the files of a folder, recursively, with their states; of a file, itself."""
     if isinstance(path, Path):
-        inside = sorted(path.rglob('*')) if path.is_dir() else [path]
-        return {file: file_state(file) for file in inside if file.is_file()}
+        inside = [path]
+        if path.is_dir():
+            inside = sorted(Path(here, name) for here, _, names in os.walk(path) for name in names)
+        states: dict[RecordingPath, State] = {}
+        for file in inside:
+            with suppress(FileNotFoundError):  # removed by a run at the same time
+                if file.is_file():
+                    states[file] = file_state(file)
+        return states
     with reached(path):
         found = path.system.find(path.key, detail=True)
     return {RemotePath(path.system, key): _state_of(info) for key, info in sorted(found.items())}

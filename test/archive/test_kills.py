@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -23,6 +24,7 @@ from helpers.archives import (
 )
 
 from lidar_outlier_filter.archive import jobs, publish
+from lidar_outlier_filter.archive.sidecar import read_folder
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 
@@ -151,6 +153,28 @@ def test_two_runs_at_once(tmp_path: Path) -> None:
     assert content(tmp_path / 'out') == content(tmp_path / 'whole')
     assert len(records(tmp_path / 'out')) == COUNT
     assert not hidden(tmp_path / 'out')
+
+
+def test_folders_of_another_run_vanish(tmp_path: Path) -> None:
+    """Sidecars are read while another run makes and removes hidden folders beside them."""
+    (tmp_path / 'a').mkdir()
+    ended = Event()
+
+    def work() -> None:
+        while not ended.is_set():
+            with publish.workshop(tmp_path) as built:
+                (built / 'one').touch()
+                (built / 'more').mkdir()
+
+    other = Thread(target=work)
+    other.start()
+    try:
+        for _ in range(300):
+            assert read_folder(tmp_path) == []
+            publish._files_at(tmp_path, 'all')
+    finally:
+        ended.set()
+        other.join()
 
 
 @pytest.mark.parametrize('step', ['publish.look', 'publish._rename', 'publish.write'])
