@@ -8,7 +8,7 @@ KISS-ICP is no part of the environment:
     scripts/environment python benchmarks/downstream.py --wads ../CRFOR --write
 
 Without ``--wads`` the drive in real snow is left out; `doc/real_snow.md` says how to get it.
-``--write`` puts the table into ``doc/downstream.md``.
+``--write`` puts the table into ``doc/accuracy.md``.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / 'shared' / 'data'
-PAGE = ROOT / 'doc' / 'downstream.md'
+PAGE = ROOT / 'doc' / 'accuracy.md'
 SECTION = 'downstream'
 COMMAND = 'benchmarks/downstream.py --write'
 RINGS, SEED = 32, 901  # of the simulated street, which trained nothing

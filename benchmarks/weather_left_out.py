@@ -7,7 +7,7 @@
 Each recipe of weather is left out once: none of its sweeps trains, and none chooses the threshold.
 Sensors are left out in folds beside it: trees that judge a sweep know neither its weather nor its
 sensor. Row by row this is compared with trees that know the weather, and not the sensor. Takes an
-hour of processor time. ``--write`` puts the table into ``doc/results_in_short.md``.
+hour of processor time. ``--write`` puts the table into ``doc/accuracy.md``.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.training.train import Sweep
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / 'doc' / 'results_in_short.md'
+PAGE = ROOT / 'doc' / 'accuracy.md'
 SECTION = 'weather left out'
 COMMAND = 'benchmarks/weather_left_out.py --write'
 FOLDS = 3  # of sensors; the training has eight, and takes three times as long
