@@ -53,17 +53,3 @@ def test_cells() -> None:
     masks = [np.array([True] * 4 + [False]), np.array([True, True])]
     found = downstream.cells([first, second], masks, [pose(0, 0), pose(0, 0, LEFT)], ground=-1)
     assert found == {(0, 0), (5, 0), (0, 35)}
-
-
-def test_ground() -> None:
-    """Most of what is near is the ground; what is bad, or far, says nothing."""
-    cloud = sweep(*((i / 10, 0.0, -1.9) for i in range(20)), (1, 1, -3), (50, 0, -9), (1, 1, 2))
-    good = np.arange(23) != 20
-    assert downstream.ground_of(cloud, good, pose(5, 5)) == pytest.approx(-1.9)
-
-
-def test_the_route_is_the_sensors() -> None:
-    """Poses are those of the sensor on the vehicle, which begins to drive from a stand."""
-    first, later = downstream.poses_of(downstream.ROUTE, np.array([0.0, 2.0]))
-    assert first[2, 3] == pytest.approx(1.9, abs=0.1)
-    assert later[0, 3] - first[0, 3] == pytest.approx(6, abs=0.1)

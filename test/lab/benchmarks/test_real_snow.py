@@ -111,25 +111,6 @@ def test_sweeps_are_rebuilt(folder: Path) -> None:
         begin += SHOTS * 55_560
 
 
-def test_returns_of_a_shot_know_each_other(folder: Path) -> None:
-    """A mate is of the same shot and laser and of the other block; two points have lost theirs."""
-    made, sweep = make(0), sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))[0]
-    with_mate = np.flatnonzero(sweep.mate >= 0)
-    mate = sweep.mate[with_mate]
-    for same in (made.shot, made.ring):
-        np.testing.assert_array_equal(same[with_mate], same[mate])
-    np.testing.assert_array_equal(made.second[with_mate], ~made.second[mate])
-    assert len(made.ring) - len(with_mate) == 2
-
-
-def test_sweeps_left_out_take_time(folder: Path) -> None:
-    """Every second sweep begins 0.1 s after the end of the one before, which is left out."""
-    both = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE), 2)
-    assert [sweep.name for sweep in both] == ['000000.bin', '000002.bin']
-    begins = [sweep.time.min() - sweeps.read_rings(TABLE).time.min() for sweep in both]
-    assert begins[1] - begins[0] == SHOTS * 55_560 + 100_000_000
-
-
 @pytest.mark.parametrize('what', ['bytes', 'labels', 'elevations', 'files', 'missing'])
 def test_what_is_no_sweep_is_refused(tmp_path: Path, what: str) -> None:
     """With a sentence that says what is wrong."""
@@ -196,18 +177,6 @@ def test_figures() -> None:
     assert (found.sweeps, found.setting) == (1, 'by hand')
 
 
-def test_best_threshold() -> None:
-    """Worked out by hand; equal scores are rejected together."""
-    score = np.array([5, 4, 3, 3, 2, 1], np.float32)
-    snow = np.array([True, False, True, False, False, False])
-    assert judges.f1(snow, score >= 5) == pytest.approx(2 / 3)
-    assert judges.f1(snow, score >= 3) == pytest.approx(2 / 3)
-    assert judges.best_threshold(score, snow) == 5
-    snow[4] = True
-    # From 5 on F1 is 2 / (1 + 3), from 3 on 4 / (4 + 3), from 2 on 6 / (5 + 3).
-    assert judges.best_threshold(score, snow) == 2
-
-
 def brute(xyz: NDArray[np.float64]) -> tuple[Any, Any, Any]:
     """Measure distances, SOR's and LOF's statistics by loops over all pairs."""
     apart = np.linalg.norm(xyz[:, None] - xyz, axis=2)
@@ -269,30 +238,6 @@ def test_the_network_is_asked_as_its_own_code_asks() -> None:
     np.testing.assert_allclose(back[:, 3], 20.0, rtol=1e-6)
 
 
-def test_a_missing_package_is_said(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The network needs one that nothing else needs."""
-    monkeypatch.setattr(judges, 'find_spec', lambda _name: None)
-    options = ['--judges', '3D-OutDet', '--outdet', 'outdet.onnx']
-    assert command.main([str(folder), *options]) == 1
-    assert capsys.readouterr().err == (
-        'the package onnxruntime must be installed for --outdet, got no such package\n'
-    )
-
-
-def test_peers_with_a_better_f1_are_named() -> None:
-    """They are named below the tables; or that there is none."""
-
-    def figures(*counts: int) -> Any:
-        return sweeps.Figures(1, 1.0, '', {}, (counts,))
-
-    own, other = figures(50, 50, 4, 96), figures(80, 20, 2, 98)
-    said = 'Peers with a better F1 than the default: {}.'
-    assert command.worse({'default': own, 'LIOR': other}) == said.format('LIOR')
-    assert command.worse({'default': other, 'LIOR': own}) == said.format('none')
-
-
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Tables of each form are printed and written."""
     written = tmp_path / 'page.md'
@@ -317,9 +262,3 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
         assert counted == {points.get(form, counted.copy().pop())}
     for name in judges.PEERS:
         assert everything['xyzi'][name] == everything['last'][name]
-
-
-def test_where_there_is_no_sequence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One sentence, no trace."""
-    assert command.main([str(tmp_path)]) == 1
-    assert capsys.readouterr().err.startswith(f'{tmp_path} must be with files sequences/36')

@@ -14,7 +14,7 @@ import pytest
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_lab.results import contest, contest_tables
 from lidar_outlier_lab.results.contest import Record, Standing, compete, score, standings
-from lidar_outlier_lab.results.contest_section import entries, written
+from lidar_outlier_lab.results.contest_section import entries
 from lidar_outlier_lab.results.contest_tables import Target
 from lidar_outlier_lab.results.contestants import (
     DEFAULT,
@@ -78,18 +78,6 @@ def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(done <= total for done, total, _ in result)
 
 
-def test_standings() -> None:
-    """Seeds are added up; the interval is that of seeds, and of one seed that of its stretches."""
-    found = standings([record('x', (8, 2, 0, 90), 1), record('x', (10, 0, 5, 85), 2)])
-    standing = found['leslar-b']['x']
-    assert standing.whole == Confusion(18, 2, 5, 175)
-    assert standing.worst == pytest.approx(20 / 25)
-    low, high = standing.interval()
-    assert low == pytest.approx(20 / 25)
-    assert high == pytest.approx(16 / 18)
-    assert Standing((record('x', (0, 10, 0, 90)),)).worst == 0.0
-
-
 def test_who_judges_what() -> None:
     """Everybody the first seeds; default, rules and peers all of them, where there is a target."""
     listed = entries(['leslar-c', 'kang-urban'], [5, 6, 7], 2)
@@ -104,29 +92,6 @@ def test_who_judges_what() -> None:
     others = {one.name for one in peers()}
     assert names[0] == names[1] == names[3] == {one.name for one in OURS} | others
     assert names[2] == {DEFAULT, *RULES} | others
-
-
-def test_like_is_compared_with_like() -> None:
-    """The default is shown on all seeds; beside others on those only that they have judged too."""
-    records = [record(DEFAULT, (10, 0, 0, 90), 5), record('`sor`', (9, 1, 0, 90), 5)]
-    records.append(record(DEFAULT, (0, 10, 0, 90), 6))
-    texts = written(records, [5, 6], 1)
-    assert '| default | 0.667 |' in texts['default']
-    assert '| default | **1.000** |' in texts['contest']
-    assert '| `sor` | 0.947 |' in texts['contest']
-
-
-def test_targets() -> None:
-    """A target is met if F1 and losses are; the table says so."""
-    target = Target('', 0.9, 0.01)
-    assert target.met(Standing((record('x', (90, 10, 10, 990)),)))
-    assert not target.met(Standing((record('x', (89, 11, 9, 990)),)))
-    assert not target.met(Standing((record('x', (100, 0, 11, 989)),)))
-    good = contest_tables.targets(standings([record('x', (100, 0, 0, 900))]), 'x')
-    bad = contest_tables.targets(standings([record('x', (50, 50, 0, 900))]), 'x')
-    assert good.endswith('| yes |')
-    assert bad.endswith('| **no** |')
-    assert contest_tables.targets({}, 'x') == ''
 
 
 def test_targets_beside_others() -> None:
@@ -176,15 +141,3 @@ def test_where_others_are_better() -> None:
     found = standings(records[:2])
     assert contest_tables.worse(found, DEFAULT, []) == 'Nowhere in this run.'
     assert contest_tables.beaten(found, ['peer']) == 'Nowhere in this run.'
-
-
-def test_beside() -> None:
-    """Others stand beside the whole on the presets with targets."""
-    found = standings([record(DEFAULT, (9, 1, 0, 90)), record('other', (8, 2, 9, 81))])
-    first, best, lost = contest_tables.beside(found, [DEFAULT, 'other', 'none']).split('\n\n')
-    assert first.startswith('| F1 | leslar-b |')
-    assert '| default | 0.947 |' in first
-    assert '| other | 0.593 |' in first
-    assert '| other | 0.950 |' in best
-    assert '| other | 10.00 % |' in lost
-    assert '| none | – |' in lost

@@ -4,29 +4,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.results import contestants
 from lidar_outlier_lab.results.contestants import (
-    DEFAULT,
-    OURS,
-    RULES,
     Judgement,
     Ours,
     Peer,
-    missing,
     peers,
 )
-from lidar_outlier_lab.results.peers import rejected_but
 from lidar_outlier_lab.results.samples import Sample
-
-if TYPE_CHECKING:
-    import pytest
 
 
 def sample(count: int = 300, *, sweeps: int = 1, timed: bool = True, own: bool = False) -> Sample:
@@ -42,15 +31,6 @@ def sample(count: int = 300, *, sweeps: int = 1, timed: bool = True, own: bool =
     stretch = np.arange(count) * 20 // count
     data = Training(clouds, bad, ~bad, stretch, 20, streamed=sweeps > 1)
     return Sample('plane', 3, data, bad.astype(np.int64), timed, own)
-
-
-def test_the_first_is_the_default() -> None:
-    """The default chain is the parameters as they are, and all names differ."""
-    assert OURS[0] == Ours(DEFAULT)
-    assert OURS[0].parameters == FilterParameters()
-    names = [one.name for one in OURS] + [one.name for one in peers()]
-    assert len(set(names)) == len(names)
-    assert {*RULES} <= {*names}
 
 
 def test_who_suits_what() -> None:
@@ -94,15 +74,3 @@ def test_scikit_learn_agrees() -> None:
     assert ours.score is not None
     np.testing.assert_allclose(theirs.score / contestants.FACTOR, ours.score, rtol=1e-5)
     assert theirs.rejected.any()
-
-
-def test_open3d_says_what_it_keeps() -> None:
-    """Its indices of kept points become what is rejected."""
-    np.testing.assert_array_equal(rejected_but([0, 2], 4), [False, True, False, True])
-
-
-def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Peers that are not there are named, and do not compete."""
-    monkeypatch.setattr(contestants, 'find_spec', lambda _: None)
-    assert peers() == ()
-    assert missing() == ['Open3D', 'scikit-learn']

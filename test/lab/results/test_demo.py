@@ -83,16 +83,6 @@ def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
         assert [float(text) for text in row.groups()] == pytest.approx(expected, abs=0.005)
 
 
-def test_the_filter_finds_outliers(made: tuple[Path, str]) -> None:
-    """Both forms find most outliers; the default loses next to none of the good points."""
-    output, _ = made
-    paper, default = (score(output / form) for form in ('paper', 'default'))
-    assert paper.recall.ratio > 0.9
-    assert default.recall.ratio > 0.6
-    assert default.lost < 0.01 * paper.lost
-    assert default.precision.ratio > 0.98
-
-
 def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> None:
     """The parameter file left behind gives the answers of the default form again."""
     output, _ = made
@@ -127,18 +117,6 @@ def test_pictures(made: tuple[Path, str], name: str) -> None:
         assert near.sum() > fewest
     grey = (np.ptp(pixels, axis=1) < 12) & (pixels[:, 0] < 220)
     assert grey.sum() > 20_000
-
-
-def test_earlier_demo_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder of an earlier demo, or an empty one, is replaced as a whole."""
-    monkeypatch.chdir(tmp_path)
-    OUTPUT.mkdir()
-    for _ in range(2):
-        with demo._new_folder(OUTPUT) as folder:
-            (folder / 'fresh').touch()
-        assert {path.name for path in OUTPUT.iterdir()} == {demo.MARKER, 'fresh'}
-        (OUTPUT / 'stale').touch()
-    assert [path.name for path in tmp_path.iterdir()] == [OUTPUT.name]
 
 
 def test_other_folders_are_refused(tmp_path: Path) -> None:

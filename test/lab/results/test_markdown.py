@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,18 +13,6 @@ from lidar_outlier_lab.results import markdown
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-
-def test_a_table() -> None:
-    """First column left, all others right."""
-    text = markdown.table(('', 'a', 'b'), [('x', '1', '2')])
-    assert text == '|  | a | b |\n| --- | ---: | ---: |\n| x | 1 | 2 |'
-
-
-def test_numbers() -> None:
-    """What is no number is a dash."""
-    assert markdown.number(0.12345) == '0.123'
-    assert markdown.number(math.nan) == '–'
 
 
 def test_what_is_new_stands_at_the_end() -> None:
@@ -54,12 +41,6 @@ def test_a_broken_page_is_refused(tmp_path: Path, broken: str) -> None:
     assert path.read_text() == f'Mine.\n{broken}\n'
 
 
-def test_markers_in_the_wrong_order_are_refused() -> None:
-    """The end must come after the beginning."""
-    with pytest.raises(RecordingError, match='in this order'):
-        markdown.put(f'{markdown.end_of("one")}\n{markdown.begin_of("one")}', 'one', 'text')
-
-
 def test_pictures_go_beside_the_page(tmp_path: Path) -> None:
     """Page, folder and pictures are made, and replaced."""
     picture = tmp_path / 'some.png'
@@ -71,17 +52,3 @@ def test_pictures_go_beside_the_page(tmp_path: Path) -> None:
     assert 'second' in page.read_text()
     assert (page.parent / 'images' / 'some.png').read_bytes() == b'PNG'
     assert sorted(path.name for path in page.parent.iterdir()) == ['images', 'page.md']
-
-
-def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    """It is refused with a sentence."""
-    (tmp_path / 'file').touch()
-    with pytest.raises(RecordingError, match='must be readable and writable'):
-        markdown.write(tmp_path / 'file' / 'page.md', 'one', 'text')
-
-
-def test_markers_name_the_command() -> None:
-    """A section that another command writes says so, and is found again by that command."""
-    page = markdown.put('# Mine\n', 'one', 'first', 'other')
-    assert '<!-- begin one: written by `other`, do not edit -->' in page
-    assert markdown.put(page, 'one', 'second', 'other').count('begin one') == 1

@@ -17,30 +17,21 @@ from numpy.testing import assert_allclose
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.results.papers import (
     kang,
-    maps,
     pcl_lof,
     pirotti,
     pirotti_buses,
     roc,
-    side_views,
 )
-from lidar_outlier_lab.results.papers import sotoodeh_hod as hod
 from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
 from lidar_outlier_lab.results.papers.methods import METHODS
 from lidar_outlier_lab.results.papers.pages import PAGES
-from lidar_outlier_lab.results.papers.published import HIERARCHICAL, LOF
 from lidar_outlier_lab.results.papers.roc import statistics
-from lidar_outlier_lab.results.samples import Sample
 from lidar_outlier_lab.simulation.papers import (
     aerial,
-    bus_tracks,
-    sotoodeh_clusters,
     surface_truth,
 )
 
@@ -118,13 +109,6 @@ def _half(written: str) -> float:
     return 0.5000001 * 10.0 ** -len(written.partition('.')[2])
 
 
-def test_numbers() -> None:
-    """Shares in a row, and what is none."""
-    shares, others = numbers('28.3 and 5 %, 1.7 to 2.8 %: 0.20 m, 2596, k = 3, section 3.1, 0.99.')
-    assert shares == {'28.3', '5', '1.7', '2.8'}
-    assert others == {'0.20', '3.1', '0.99'}
-
-
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Pages go to papers/ beside the page of the results; only those that are asked for."""
     page = tmp_path / 'doc' / 'results.md'
@@ -136,14 +120,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 # Sotoodeh -----------------------------------------------------------------------------------------
-
-
-def test_errors_of_2006() -> None:
-    """They are those that the paper prints, and where it rounds otherwise its own are shown."""
-    assert lof._errors(LOF)[:5] == ('115,820', '3.96 %', '6.95 %', '1.09 %', '3.69 %')
-    assert '| paper, MinPts 20 | 115,820 | 3.96 % | 6.95 % | 1.09 % | 3.68 % |' in lof._table(
-        [], [], 1
-    )
 
 
 def test_tables_of_2006() -> None:
@@ -168,41 +144,6 @@ def test_tables_of_2006() -> None:
     ]
 
 
-def test_table_of_2007() -> None:
-    """Phases see what the earlier left, and each count stands in its column."""
-    counts = hod._counts(range(1, 3), 1, cluttered=True)
-    assert sum(counts) == 656
-    seen = hod._counts(range(1, 3), 2, cluttered=True)
-    assert sum(seen) == counts[0] + counts[2]
-    text = hod._table([counts, seen], [counts, seen])
-    assert '| phase 1: paper | 656 | 569 | 3 | 9 | 75 | 0.45 % | 1.37 % |' in text
-    assert '| phase 2: paper | 578 | 565 | 6 | 3 | 4 | 1.04 % | 0.52 % |' in text
-    # The slip of the paper: phase 1 leaves 9 outliers, phase 2 sees 7.
-    assert HIERARCHICAL[0].missed == 9
-    assert HIERARCHICAL[1].outliers == 7
-
-
-def test_other_least_clusters() -> None:
-    """What stays must be as large: the larger, the more inliers go."""
-    rows = [row.split(' | ')[1:] for row in hod._least(range(1, 4)).splitlines()[2:]]
-    lost, left = (np.array([float(row[column].strip(' |')) for row in rows]) for column in (0, 1))
-    assert len(rows) == len(hod.LEAST)
-    assert (np.diff(lost) >= 0).all()
-    assert (np.diff(left) <= 0).all()
-    assert lost[-1] > lost[0]
-
-
-def test_clutter_can_be_lost() -> None:
-    """Without it no good point is; with it both phases lose some, and the counts stay."""
-    seeds = range(1, 6)
-    assert hod._counts(seeds, 1, cluttered=False)[1] == 0
-    for phase in (1, 2):
-        kept, lost, left, found = hod._counts(seeds, phase, cluttered=True)
-        assert lost / (kept + lost + left + found) > 0.001
-    scene = sotoodeh_clusters.simulate(1, cluttered=True)
-    assert (len(scene.xyz), scene.outlier.sum()) == (656, 84)
-
-
 # Kang ---------------------------------------------------------------------------------------------
 
 
@@ -215,59 +156,7 @@ def test_the_letter_is_one() -> None:
     assert page.count(f'| {kang.LETTER} | ') == 2
 
 
-def floor() -> Sample:
-    """Lay out a floor of 900 points with one far above, one a little above and one below it."""
-    rng = np.random.default_rng(1)
-    xyz = rng.uniform(0, [40, 40, 0.2], (900, 3))
-    xyz[7:10, 2] = 90.0, 4.0, -4.0
-    bad = np.isin(np.arange(900), [7, 8, 9])
-    zeros = np.zeros(900, np.int64)
-    points = Points(xyz, zeros, zeros, np.ones(900, np.bool_))
-    data = Training((points,), bad, ~bad, zeros, 1, streamed=False)
-    return Sample('floor', 1, data, bad.astype(np.int64), timed=False, in_own_frame=False)
-
-
-def test_elevations_before_and_after() -> None:
-    """The histogram takes the far one, the letter the low one, both sides all three."""
-    rows = [row[1:] for row in kang._ranges(floor())]
-    assert rows[0] == ('-4.0', '90.0', '94.0')
-    assert rows[1] == ('-4.0', '4.0', '8.0')
-    assert rows[2] == rows[3] == ('0.0', '4.0', '4.0')
-    assert rows[4] == rows[5] == ('0.0', '0.2', '0.2')
-
-
-@pytest.mark.slow
-def test_against_surfaces() -> None:
-    """Both find what is far from a floor; the letter leaves what is a little above."""
-    rows = kang._surfaces(floor())
-    assert [row[2] for row in rows] == ['66.67 %', '100.00 %']
-    assert [row[0] for row in rows] == [f'floor: {kang.LETTER}', f'floor: {kang.SURFACES}']
-
-
-def test_readings() -> None:
-    """The letter takes low points only; in space neighbours are others."""
-    rng = np.random.default_rng(1)
-    xyz = rng.uniform(0, [40, 40, 0.2], (900, 3))
-    xyz[7, 2], xyz[8, 2] = -9.0, 4.0
-    rejected = {name: kang.judge(xyz, one).rejected for name, one in kang.READINGS.items()}
-    assert rejected[kang.LETTER][7]
-    assert not rejected[kang.LETTER][8]
-    assert rejected[kang.OURS][[7, 8]].all()
-    assert kang.Reading(Elevation(sides='low')).of(60).parameters == Elevation(sides='low', k=60)
-    assert {one.on_map for one in kang.READINGS.values()} == {True, False}
-
-
 # Pirotti ------------------------------------------------------------------------------------------
-
-
-def test_laws_of_distances() -> None:
-    """Half of the draws are below the mean of the ends, or below their geometric mean."""
-    rng = np.random.default_rng(1)
-    for law, middle in ((aerial.uniform, 100.5), (aerial.log_uniform, np.sqrt(200.0))):
-        draws = np.array([law(rng, 1.0, 200.0) for _ in range(2000)])
-        assert draws.min() >= 1
-        assert draws.max() <= 200
-        assert np.mean(draws < middle) == pytest.approx(0.5, abs=0.04)
 
 
 def test_explored() -> None:
@@ -301,19 +190,6 @@ def test_pcl_lof_against_loops(k: int) -> None:
     assert tuple(found) == pirotti.SHOWN
     middle = np.median(found[pirotti.PCL])
     assert_allclose(found[pirotti.PCL2], np.abs(found[pirotti.PCL] - middle))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('law', 'code', 'equations'), [('uniform', 1.08, 1.04), ('log-uniform', 1.12, 1.06)]
-)
-def test_thresholds_of_pcl_lof(law: str, code: float, equations: float) -> None:
-    """With k = 10 the paper has 1.1: between those of its code, above those of its equations."""
-    (cloud,) = aerial.photogrammetry(101, None, lambda _: None, pirotti.LAWS[law])
-    xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
-    found = roc.explore(xyz, cloud.points['label'], Cause.CLUSTER, (10,), pirotti.with_pcl)
-    assert round(found.best_of[pirotti.PCL][0].threshold, 2) == code
-    assert round(found.best_of['LOF'][0].threshold, 2) == equations
 
 
 def test_mean_distance() -> None:
@@ -354,42 +230,4 @@ def test_off_the_line() -> None:
     assert np.delete(off, 20).max() < 1.0
 
 
-def test_hard_tracks() -> None:
-    """Some outliers are nearer to the route than the easy ones, and as many as the line says."""
-    for line, how in bus_tracks.HARD.items():
-        track = bus_tracks.track(how, how.outliers, np.random.default_rng([1, line]))
-        assert len(track) == how.points
-        bad = track['label'] != Cause.GOOD
-        assert bad.sum() == how.outliers
-        xy = np.stack([track['x'], track['y']], axis=1).astype(float)
-        near = np.array([np.linalg.norm(xy[~bad] - one, axis=1).min() for one in xy[bad]])
-        assert np.quantile(near, 0.2) < bus_tracks.OFF
-
-
 # Pictures -----------------------------------------------------------------------------------------
-
-
-def test_side_views(tmp_path: Path) -> None:
-    """Panels of a row have the same axes, whatever is left in them."""
-    flat = np.random.default_rng(1).normal(size=(40, 2))
-    bad = np.arange(40) < 4
-    views = [
-        side_views.View('before', flat, bad, np.ones(40, np.bool_)),
-        side_views.View('after', flat, bad, np.arange(40) > 6, marks=True),
-    ]
-    side_views.draw([views, views], tmp_path / 'views.png', ('x, m', 'z, m'))
-    assert (tmp_path / 'views.png').read_bytes().startswith(b'\x89PNG')
-    low, high = side_views._limits(views)
-    assert (low < flat.min(axis=0)).all()
-    assert (high > flat.max(axis=0)).all()
-
-
-def test_maps(tmp_path: Path) -> None:
-    """Range images with holes, and points in classes."""
-    pixels = np.array([[1.0, np.nan, 2.0], [1.5, 1.0, 1.0]])
-    maps.draw_images([maps.Grey('a', pixels, 1.0, 2.0)] * 2, tmp_path / 'images.png')
-    flat = np.random.default_rng(1).normal(size=(9, 2))
-    one = maps.Classes('b', flat, np.arange(9) % 2, ('#000000', '#ff0000'), ('good', 'bad'))
-    maps.draw_classes([one, one], tmp_path / 'classes.png')
-    for name in ('images', 'classes'):
-        assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')

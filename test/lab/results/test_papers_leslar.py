@@ -12,13 +12,10 @@ import pytest
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.messages.truth import Kind
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
-from lidar_outlier_lab.cli.results import PAPERS
 from lidar_outlier_lab.results.papers import leslar, leslar_picture
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
-from lidar_outlier_lab.results.papers.pages import PAGES, write_up
-from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS
+from lidar_outlier_lab.results.papers.pages import write_up
 from lidar_outlier_lab.results.samples import Sample
 
 if TYPE_CHECKING:
@@ -44,19 +41,6 @@ def street() -> Sample:
     return Sample('leslar-c', 1, data, bad.astype(np.int64), False, False, kinds)  # noqa: FBT003
 
 
-def test_every_page_has_a_name() -> None:
-    """The command offers the pages that there are."""
-    assert tuple(PAGES) == PAPERS
-
-
-def test_forms_are_parameters() -> None:
-    """Every form can be set."""
-    for values in leslar.FORMS.values():
-        FilterParameters().changed(values)
-    assert set(leslar.SHOWN) <= set(leslar.FORMS)
-    assert '(b), σ of a residual at least 5 mm' in leslar.FORMS
-
-
 def test_count() -> None:
     """The road is counted alone; without one there is none."""
     counted = count(street(), {'chain': ['sor'], 'sor.statistic': 'radius'})
@@ -79,17 +63,6 @@ def test_the_papers_table() -> None:
     assert lines[7] == '| % of point cloud identified incorrectly | 0.00 | 0.30 | 0.01 | 0.30 |'
 
 
-def test_slips_of_the_paper() -> None:
-    """Three columns of the paper do not add up: table 3, A; table 4, A; table 5, C."""
-    slips = {
-        (key, 'ABC'[index])
-        for key, rows in LESLAR.items()
-        for index, row in enumerate(rows)
-        if row.found + row.missed != OUTLIERS[index]
-    }
-    assert slips == {('b', 'A'), ('c', 'A'), ('ab', 'C')}
-
-
 def test_strip() -> None:
     """The stretch with the most outliers, the road and what is above it; no wall."""
     sample = street()
@@ -99,21 +72,6 @@ def test_strip() -> None:
     assert (one.rejected['all'] == one.bad).all()
     assert np.ptp(one.flat[:, 0]) < leslar_picture.LENGTH
     assert set(one.flat[:, 1]) == {0.0, 1.0}
-
-
-def test_figure(tmp_path: Path) -> None:
-    """A row for each cloud."""
-    one = leslar_picture.strip(street(), {'a': street().data.bad})
-    leslar_picture.draw([('leslar-a', one), ('leslar-b', one)], tmp_path / 'figure.png')
-    assert (tmp_path / 'figure.png').read_bytes().startswith(b'\x89PNG')
-
-
-def test_asphalt() -> None:
-    """Single outliers, 10 cm up, far from each other."""
-    strip = leslar.asphalt(0.001, 42)
-    assert strip.bad.sum() == 9
-    assert strip.xyz[strip.bad, 2].min() > 0.09
-    assert strip.xyz[~strip.bad, 2].max() < 0.01
 
 
 def test_without_its_presets(tmp_path: Path) -> None:

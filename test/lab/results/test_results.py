@@ -7,17 +7,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results import growth, real_clouds
 from lidar_outlier_lab.results.papers import roc
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pytest
 
 
 def quiet(_done: int, _total: int, _what: str) -> None:
@@ -45,13 +45,6 @@ def test_growth() -> None:
     assert np.isfinite(list(seconds.values())).all()
 
 
-@pytest.mark.parametrize('power', [1.0, 1.5])
-def test_the_exponent(power: float) -> None:
-    """It is that of the power law."""
-    sizes = [100, 200, 400]
-    assert growth.exponent(sizes, [3e-6 * size**power for size in sizes]) == pytest.approx(power)
-
-
 def test_labelled_clouds(recordings: Path) -> None:
     """Artefacts are found by their class; a cloud without them is none."""
     sample = real_clouds.labelled(recordings / 'clouds' / 'sample_lareunion_epsg2975.laz')
@@ -59,16 +52,6 @@ def test_labelled_clouds(recordings: Path) -> None:
     assert np.count_nonzero(sample.data.bad) == 3
     assert len(sample.data) == 59_712
     assert real_clouds.labelled(recordings / 'clouds' / 'plane.laz') is None
-
-
-@pytest.mark.slow
-def test_clean_recordings(recordings: Path) -> None:
-    """All points of all clouds are judged, none is bad."""
-    data = real_clouds.recorded(recordings / 'bags' / 'vlp16_mrpt_mcap', {})
-    assert len(data) == 73_486
-    assert not data.bad.any()
-    rejected = data.judge(FilterParameters()).rejected
-    assert 0 < rejected.mean() < 0.02
 
 
 def test_without_real_clouds(tmp_path: Path) -> None:
@@ -97,12 +80,3 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert said.err.startswith('results: section contest, 0 of 2\n')
     assert main([*command, '--sections', 'real']) == 0
     assert page.read_text() == text
-
-
-def test_what_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """No preset of that name; nobody to judge."""
-    page = str(tmp_path / 'page.md')
-    with pytest.raises(SystemExit):
-        main(['results', '--output', page, '--presets', 'nowhere'])
-    assert main(['results', '--output', page, '--full', '0']) == 1
-    assert '--full must be at least 1, got 0' in capsys.readouterr().err

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from helpers.labelled import BAD, rows
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -17,6 +16,8 @@ from lidar_outlier_lab.simulation.world.recording import FRAME, START, Cloud
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import pytest
 
 
 def made(monkeypatch: pytest.MonkeyPatch, clouds: list[Cloud]) -> list[Sample]:
@@ -53,13 +54,6 @@ def test_what_stands_still_is_seen_at_once(monkeypatch: pytest.MonkeyPatch) -> N
     assert [len(xyz) for xyz in sample.clouds] == [2 * len(BAD)]
 
 
-def test_topics_are_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each topic is a sample by itself, named after it."""
-    clouds = [Cloud(START, START, rows(), topic) for topic in ('/one', '/two')]
-    samples = made(monkeypatch, clouds)
-    assert [sample.name for sample in samples] == ['street-16/one', 'street-16/two']
-
-
 def test_without_times_there_are_no_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cloud of one instant is judged as a whole, and not by the smoother."""
     cloud = rows()
@@ -71,11 +65,3 @@ def test_without_times_there_are_no_lines(monkeypatch: pytest.MonkeyPatch) -> No
     assert sample.suits(('lof',))
     verdict = sample.data.judge(FilterParameters().changed({'chain': ['sor']}))
     assert len(verdict) == len(BAD)
-
-
-@pytest.mark.slow
-def test_airborne_clouds_have_lines() -> None:
-    """Their times are in another field, which is found."""
-    (sample,) = simulated('kang-urban', 1)
-    assert sample.timed
-    assert len(sample.data) == 500_000

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from naive import raycast as naive
 
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.world.caster import PANE, uniform
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
@@ -163,25 +162,6 @@ def test_bundles_are_cast_as_their_rays() -> None:
     assert len(np.unique(together.surface)) > 120
 
 
-def test_order_of_surfaces_does_not_matter() -> None:
-    """The nearest is met whichever comes first in the scene."""
-    things = tuple(Ball((x, 0.3 * x, 0.0), 0.4) for x in np.arange(-5.0, 5.0))
-    rays = aim(7, (0.0, 0.0, 0.0), 2.0, 9.0)
-    first, second = Scene(things).cast(rays), Scene(things[::-1]).cast(rays)
-    np.testing.assert_array_equal(first.distance, second.distance)
-    met = first.surface >= 0
-    np.testing.assert_array_equal(first.surface[met], len(things) - 1 - second.surface[met])
-
-
-def test_things_move() -> None:
-    """What moves is where its velocity has carried it at the time of the ray."""
-    car = Box((5.0, -1.0, 0.0), (6.0, 1.0, 2.0), Kind.CAR, velocity=(2.0, 0.0, 0.0))
-    bird = Ball((0.0, 9.0, 5.0), 0.5, (0.0, -1.0, 0.0))
-    for t in (0.0, 1.5):
-        assert one(Scene((car,)), (0, 0, 1), (1, 0, 1), t).distance == pytest.approx(5.0 + 2.0 * t)
-        assert one(Scene((bird,)), (0, 0, 5), (0, 1, 5), t).distance == pytest.approx(8.5 - t)
-
-
 def test_arm_turns_and_stays_between_level_and_upright() -> None:
     """An arm is met at its angle, which is held at both ends."""
     arm = Scene((BarrierArm((5.0, 0.0, 1.0), 4.0, angle=0.3, rate=0.5),))
@@ -208,33 +188,3 @@ def test_parts_of_a_building() -> None:
         assert one(scene, origin, goal).part[0, 0] == part, (origin, goal)
     plain = Scene((Building((0.0, 5.0, 0.0), (12.0, 9.0, 3.2)),))
     assert one(plain, (-5.0, 6.5, 1.7), (0.0, 6.5, 1.7)).part[0, 0] == 0
-
-
-def test_leaves_are_where_they_are() -> None:
-    """From either side a leaf is met in the same position: its opposite meets what a ray meets."""
-    tree = Scene((Crown((0.0, 0.0, 0.0), (2.0, 2.0, 2.0), 3, cell=0.3, leaf=0.1, share=0.04),))
-    rays = aim(8, (0.0, 0.0, 0.0), 1.0, 6.0)
-    ahead = tree.cast(rays).distance[:, 0]
-    end = rays.origin + 12.0 * rays.direction
-    back = tree.cast(Rays(end, -rays.direction, rays.t)).distance[:, 0]
-    # With few leaves most rays meet one at most; leaves that stick out of their cells are missed.
-    same = np.isclose(ahead, 12.0 - back)
-    met = np.isfinite(ahead) & np.isfinite(back)
-    assert met.sum() > 100
-    assert same[met].mean() > 0.6
-
-
-def test_depth_of_a_crown() -> None:
-    """Rays go as deep into leaves as their docstring says."""
-    tree = Crown((0.0, 0.0, 0.0), (50.0, 50.0, 50.0), 3, cell=0.5, leaf=0.2, share=0.3)
-    hits = Scene((tree,)).cast(aim(9, (0.0, 0.0, 0.0), 5.0, 60.0))
-    deep = hits.distance[:, 0] - 10.0
-    expected = 2 * 0.5**3 / (np.pi * 0.2**2 * 0.3)
-    assert np.median(deep) / np.log(2) == pytest.approx(expected, rel=0.15)
-
-
-def test_refusals() -> None:
-    """A tube without a length is refused."""
-    tube = Tube((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), 0.1, Kind.WIRE)
-    with pytest.raises(FilterError, match='the ends of a tube must be apart'):
-        _ = tube.row

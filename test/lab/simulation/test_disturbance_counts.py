@@ -13,10 +13,8 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
-from lidar_outlier_lab.simulation.world.drive import Block, Drive, Returns, merge, simulate
+from lidar_outlier_lab.simulation.world.drive import Block, Returns, merge
 from lidar_outlier_lab.simulation.world.recording import POINT
-from lidar_outlier_lab.simulation.world.scene import Scene
-from lidar_outlier_lab.simulation.world.surfaces import Ground
 
 GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
 
@@ -62,13 +60,6 @@ def test_exactly(points: int, outliers: int, shots: list[int]) -> None:
     assert np.count_nonzero(cloud['label']) == outliers
 
 
-def test_exactly_refuses() -> None:
-    """Fewer outliers than the scene itself makes, or more than were disturbed, are refused."""
-    for points, outliers in ((8, 0), (8, 5), (4, 3)):
-        with pytest.raises(FilterError, match=r'the share must be from .* here, got'):
-            choose.exactly(BLOCK, points, outliers)
-
-
 @pytest.mark.parametrize(
     ('share', 'shots'),
     [
@@ -106,26 +97,3 @@ def test_gather_stops_where_there_are_enough() -> None:
     np.testing.assert_array_equal(whole.clean.points[: len(some.clean.shot)], some.clean.points)
     with pytest.raises(FilterError, match='the points of the drive must be at least 90000, got'):
         choose.gather(drive, 90_000)
-
-
-def test_all_disturbed_is_what_simulate_gives() -> None:
-    """Choosing every disturbed shot gives the drive as it is simulated without choosing."""
-    drive = replace(demo_drive(), lines=40)
-    block = choose.gather(drive)
-    shot, points = merge(block.clean, block.spoilt)
-    blocks = [part for _, part in simulate(drive)]
-    np.testing.assert_array_equal(shot, np.concatenate([part.shot for part in blocks]))
-    np.testing.assert_array_equal(points, np.concatenate([part.points for part in blocks]))
-    assert len(block.spoilt.shot) > 20
-
-
-def test_lots_are_even() -> None:
-    """Chosen shots are spread over all disturbed ones, and each lot is in 0 to 1."""
-    drive = Drive(Scene((Ground(-90.0, 90.0, 90.0),)), lines=100)
-    block = choose.gather(drive)
-    assert 0.0 <= block.lot.min() < block.lot.max() < 1.0
-    assert block.lot.mean() == pytest.approx(0.5, abs=4 * np.sqrt(1 / 12 / len(block.lot)))
-    half = int(np.count_nonzero(block.clean.points['label'])) + len(block.lot) // 2
-    chosen = choose.exactly(block, len(block.clean.shot), half)
-    where = chosen.shot[chosen.points['label'] != Cause.GOOD]
-    assert np.median(where) == pytest.approx(np.median(block.spoilt.shot), rel=0.2)

@@ -27,14 +27,6 @@ def slope() -> Landscape:
     return Landscape(ground, top, owner, 0.5)
 
 
-def test_look() -> None:
-    """Between corners the ground is even; walls are upright, halfway between two corners."""
-    x, y = np.array([5.25, 15.0, 9.76, 9.74, 32.0]), np.array([30.0, 15.0, 15.0, 15.0, 32.0])
-    height, kind = slope().look(x, y)
-    np.testing.assert_allclose(height, [0.525, 8.0, 8.0, 0.95, 9.0])
-    assert kind.tolist() == [Kind.TERRAIN, Kind.ROOF, Kind.ROOF, Kind.TERRAIN, Kind.FOLIAGE]
-
-
 def slow(land: Landscape, origin: Floats, direction: Floats) -> float:
     """Follow a ray in tiny steps until it is below what is seen from above there."""
     distance = np.arange(0.0, 60.0, STEP)
@@ -63,23 +55,6 @@ def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
     assert {Kind.TERRAIN, Kind.ROOF, Kind.FOLIAGE} == set(kind.tolist())
 
 
-def test_leaves_are_gone_through() -> None:
-    """A ray goes as deep into a tree as said, or down to the ground; a roof it never enters."""
-    land = slope()
-    for position, depth, height, kind in (
-        ((32.0, 32.0), 0.0, 9.0, Kind.FOLIAGE),
-        ((32.0, 32.0), 2.0, 7.0, Kind.FOLIAGE),
-        ((32.0, 32.0), 99.0, 3.2, Kind.TERRAIN),
-        ((15.0, 15.0), 2.0, 8.0, Kind.ROOF),
-        ((5.0, 30.0), 2.0, 0.5, Kind.TERRAIN),
-    ):
-        origin, direction = np.array([[*position, 30.0]]).T, np.array([[0.0, 0.0, -1.0]]).T
-        distance, kinds = land.cast(origin, direction, np.array([depth]))
-        slack = 0.45 if kind == Kind.FOLIAGE and depth else 1e-6
-        assert 30.0 - distance[0] == pytest.approx(height, abs=slack)
-        assert kinds[0] == kind
-
-
 def test_build() -> None:
     """Houses stand apart, trees not on houses; nothing is below the ground."""
     rng = np.random.default_rng(2)
@@ -95,14 +70,3 @@ def test_build() -> None:
         assert len(columns) == area  # whole: no other house and no tree took a part
     x, y = 0.5 * np.arange(301)[:, None] - 75.0, 0.5 * np.arange(241)[None, :] - 60.0
     assert (land.owner[np.hypot(x, y) < 20.0 - 3.5] >= 0).all()
-
-
-def test_hills_are_smooth_and_as_steep_as_told() -> None:
-    """Slopes grow with the figure, and neighbouring corners are near."""
-    gentle, steep = (
-        hills((400.0, 400.0), 1.0, how, np.random.default_rng(3)) for how in (0.1, 0.3)
-    )
-    np.testing.assert_allclose(steep, 3.0 * gentle)
-    rise = np.gradient(steep, axis=0)
-    assert 0.1 < rise.std() < 1.5
-    assert np.abs(np.diff(steep, axis=0)).max() < 4.0

@@ -18,8 +18,6 @@ from lidar_outlier_lab.simulation.world.prisms import (
     MID_40,
     MID_360,
     FreeScanner,
-    Prism,
-    PrismScanner,
     refract,
 )
 from lidar_outlier_lab.simulation.world.recording import to_message
@@ -39,17 +37,6 @@ def test_refraction(angle: float) -> None:
     np.testing.assert_allclose(refract(bent, normal, 1.5), beam, atol=1e-12)
 
 
-def test_thin_prisms_draw_a_rosette() -> None:
-    """Thin prisms each add (index - 1) x angle, in the direction in which they have turned."""
-    thin = tuple(prism._replace(angle=1e-4) for prism in MID_40.prisms)
-    drawn = replace(MID_40, prisms=thin).directions(SHOTS)
-    seconds = SHOTS * MID_40.interval / 1e9
-    first, second = (np.exp(2j * np.pi * p.turns / 60.0 * seconds) for p in thin)
-    expected = (thin[0].refraction - 1.0) * 1e-4 * (first + second)
-    # A wedge bends towards its thick side, away from where its face leans.
-    np.testing.assert_allclose(drawn[1] + 1j * drawn[2], -expected, atol=1e-10)
-
-
 @pytest.mark.parametrize(
     ('name', 'level', 'upright'),
     [
@@ -64,26 +51,6 @@ def test_field_of_view(name: str, level: tuple[float, float], upright: tuple[flo
     np.testing.assert_allclose(x * x + y * y + z * z, 1.0, atol=1e-12)
     for angle, limits in ((np.arctan2(y, x), level), (np.arcsin(z), upright)):
         assert np.degrees([angle.min(), angle.max()]) == pytest.approx(limits, abs=0.1)
-
-
-@pytest.mark.parametrize('name', SCANNERS)
-def test_curves_do_not_repeat(name: str) -> None:
-    """The next cloud goes elsewhere: together they see more of the field of view than one."""
-    scanner = SCANNERS[name]
-
-    def cells(clouds: int) -> int:
-        x, y, z = scanner.directions(np.arange(clouds * scanner.shots_per_line))
-        angles = np.degrees([np.arctan2(y, x), np.arcsin(z)])
-        return len(np.unique(np.floor(angles / 0.5), axis=1).T)
-
-    assert cells(4) > 1.3 * cells(1)
-    assert scanner.lines_per_second == pytest.approx(10.0, rel=1e-3)
-
-
-def test_no_prism_is_straight_on() -> None:
-    """Without an angle between its faces a prism bends nothing."""
-    flat = PrismScanner(prisms=(Prism(0.0, 100.0), Prism(0.0, -90.0)))
-    np.testing.assert_allclose(flat.directions(SHOTS[:9])[0], 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('name', SCANNERS)

@@ -9,26 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
-from lidar_outlier_lab.simulation.scenes.spinning_streets import RAIN, SNOW
-from lidar_outlier_lab.simulation.weather.beams import Optics
-from lidar_outlier_lab.simulation.weather.drops import Precipitation
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
-from lidar_outlier_lab.simulation.world.particles import Fall, Puff
+from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import POINT, clouds, record
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, _strongest
 from lidar_outlier_lab.simulation.world.surfaces import (
-    BarrierArm,
     Box,
-    Building,
     Ground,
-    Pole,
 )
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
@@ -37,19 +30,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_lab.simulation.world.scene import Surface
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 SMOOTH = Trajectory(speed_change=0.0, bump=0.0, sway=0.0)
 FLAT = Scene((Ground(-500.0, 500.0, 500.0),))
-
-
-def rays(origin: tuple[float, ...], *goals: tuple[float, ...]) -> Rays:
-    """Aim one ray at each goal."""
-    step = np.array(goals).T - np.reshape(origin, (3, 1))
-    direction = step / np.linalg.norm(step, axis=0)
-    start = np.broadcast_to(np.reshape(origin, (3, 1)), direction.shape)
-    return Rays(start[:, :, None], direction[:, :, None], np.zeros(len(goals)))
 
 
 def returns(drive: Drive) -> Returns:
@@ -68,71 +52,6 @@ def position(points: NDArray[np.void]) -> NDArray[np.float64]:
 def origins(drive: Drive, shot: NDArray[np.int64]) -> NDArray[np.float64]:
     """Where the scanner was at each shot (3, N)."""
     return drive.rays(shot).origin[:, :, 0]
-
-
-@pytest.mark.parametrize(
-    ('surface', 'origin', 'goal', 'distance', 'cosine'),
-    [
-        (Ground(-9.0, 9.0, 9.0), (0.0, 0.0, 3.0), (4.0, 0.0, 0.0), 5.0, 0.6),
-        (Ground(-9.0, 9.0, 5.0, crown=0.1), (0.0, 0.0, 2.1), (0.0, 0.0, 0.0), 2.0, 1.0),
-        (Ground(-9.0, 9.0, 5.0, crown=0.1), (0.0, 5.0, 2.0), (0.0, 5.0, 0.0), 2.0, 0.99920),
-        (Box((2, -1, -1), (3, 1, 1), Kind.CAR), (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), 2.0, 1.0),
-        (Box((3, 3, -1), (5, 5, 1), Kind.CAR), (0.0, 0.0, 0.0), (3.0, 4.0, 0.0), 5.0, 0.6),
-        (Pole(3.0, 0.0, radius=0.5), (0.0, 0.0, 1.0), (3.0, 0.0, 1.0), 2.5, 1.0),
-        (Pole(3.0, 4.0, radius=0.5), (0.0, 0.0, 1.0), (3.0, 4.0, 1.0), 4.5, 1.0),
-    ],
-)
-def test_surfaces(
-    surface: Surface,
-    origin: tuple[float, ...],
-    goal: tuple[float, ...],
-    distance: float,
-    cosine: float,
-) -> None:
-    """Rays meet surfaces at the distances and angles that one finds by hand."""
-    hits = Scene((surface,)).cast(rays(origin, goal))
-    np.testing.assert_allclose(hits.distance, distance, atol=1e-9)
-    np.testing.assert_allclose(hits.cosine, cosine, atol=1e-5)
-
-
-def test_rays_miss() -> None:
-    """The sky, what is beside or behind, and what is beyond an end, give nothing."""
-    scene = Scene((Ground(-9.0, 9.0, 5.0, crown=0.1), Pole(3.0, 0.0, tall=2.0)))
-    goals = ((0.0, 0.0, 9.0), (0.0, 9.0, 0.0), (20.0, 0.0, 0.0), (3.0, 0.0, 1.6), (3.0, 1.0, 1.6))
-    hits = scene.cast(rays((0.0, 0.0, 3.0), *goals))
-    assert np.isinf(hits.distance).tolist() == [[True], [True], [True], [False], [False]]
-    assert hits.surface[:, 0].tolist() == [-1, -1, -1, 1, 0]
-
-
-def test_nearest_surface_counts() -> None:
-    """Of two surfaces on a ray, the nearer one hides the other, in either order."""
-    near, far = (Box((x, -1, -1), (x + 1, 1, 1), Kind.CAR) for x in (2.0, 5.0))
-    for scene in (Scene((near, far)), Scene((far, near))):
-        assert scene.cast(rays((0.0, 0.0, 0.0), (9.0, 0.1, 0.1))).distance < 3.0
-
-
-def test_windows() -> None:
-    """A facade gives its wall, and the reveals and panes of its windows; open ones give nothing."""
-    wall = Building((0.0, 5.0, 0.0), (12.0, 9.0, 3.2), open_every=4)  # windows at 1.5, 4.5, ... m
-
-    def depth(x: float, z: float, step: float = 0.0) -> float:
-        hits = Scene((wall,)).cast(rays((x - step, 0.0, z), (x, 5.0, z)))
-        return float(hits.distance[0, 0] * 5.0 / np.hypot(5.0, step))
-
-    assert depth(3.0, 1.7) == pytest.approx(5.0)
-    assert depth(4.5, 1.7) == pytest.approx(5.2)
-    assert np.isinf(depth(1.5, 1.7))
-    # Towards +x at 45°, 0.1 m before the edge at x = 5.15: the reveal is met after 0.1 m.
-    assert depth(5.05, 1.7, step=5.0) == pytest.approx(5.1)
-
-
-def test_barrier_arm_moves() -> None:
-    """The arm is where its angle at the time of the ray puts it."""
-    arm = BarrierArm((5.0, 0.0, 1.0), 4.0, angle=0.0, rate=np.pi / 4)
-    lying, standing = (5.0, -3.0, 1.0), (5.0, 0.0, 4.0)
-    aim = rays((0.0, 0.0, 1.0), lying, standing, lying, standing)
-    at = Rays(aim.origin, aim.direction, np.array([0.0, 0.0, 2.0, 2.0]))
-    assert np.isfinite(Scene((arm,)).cast(at).distance[:, 0]).tolist() == [1, 0, 0, 1]
 
 
 def parallel(count: int, t: float = 0.0) -> Rays:
@@ -157,53 +76,6 @@ def test_puff_follows_beer_lambert() -> None:
     np.testing.assert_array_equal(far[far < 9.8], wall[np.isfinite(wall)])
 
 
-def test_puff_drifts() -> None:
-    """A puff that moves sends back where it has moved to."""
-    puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.8, velocity=(2.0, 0.0, 0.0))
-    rng = np.random.default_rng(1).random(10_000)
-    now, later = (
-        puff.meet(parallel(10_000, t), np.full(10_000, 99.0), np.ones(10_000), rng)
-        for t in (0.0, 1.5)
-    )
-    met = np.isfinite(now)
-    np.testing.assert_array_equal(met, np.isfinite(later))
-    np.testing.assert_allclose(later[met], now[met] + 3.0)
-
-
-def test_ranges_of_a_fall() -> None:
-    """They follow the chances, D = θ r² √(ρt ÷ ρp) ÷ R e^(-α(R - r)), before a wall at R."""
-    plain = Optics(divergence=0.003, aperture=0.0, nearest=0.05, blind=1e-6)
-    drops, count, wall, target = Precipitation(30_000.0, 2.0, 0.9, 1000.0), 50_000, 30.0, 0.3
-    fall = Fall(Cause.SNOW, drops, plain)
-    rng = np.random.default_rng(2).random(count)
-    far = fall.meet(parallel(count), np.full(count, wall), np.full(count, target), rng)
-    r = np.linspace(0.05, wall, 20_001)
-    alpha = 2.0 * np.pi / 4.0 * 30_000.0 * 2.0 / 2.0**3 * 1e-6
-    size = 0.003 * r**2 * np.sqrt(target / 0.9) / wall * np.exp(-alpha * (wall - r)) * 1e3
-    chance = np.pi / 4.0 * (0.003 * r) ** 2 * 30_000.0 / 2.0 * np.exp(-2.0 * size)
-    total = np.concatenate([[0.0], np.cumsum((chance[1:] + chance[:-1]) / 2.0 * np.diff(r))])
-    share = -np.expm1(-total[-1])
-    met = np.isfinite(far)
-    assert met.mean() == pytest.approx(share, rel=0.05)
-    law = stats.kstest(far[met], lambda d: np.interp(d, r, -np.expm1(-total) / share))
-    assert law.statistic < 0.03
-
-
-@pytest.mark.parametrize('fall', [RAIN, SNOW], ids=['rain', 'snow'])
-def test_falls_are_densest_some_metres_away(fall: Fall) -> None:
-    """Not at the sensor; and before a bright wall fewer are seen than before the sky."""
-    count = 100_000
-    rng = np.random.default_rng(2).random(count)
-    sky = fall.meet(parallel(count), np.full(count, np.inf), np.zeros(count), rng)
-    number, edges = np.histogram(sky, np.arange(0.0, 20.0, 0.5))
-    best = edges[np.argmax(number)]
-    assert 1.5 <= best <= 6.0
-    assert number[:2].max() < 0.3 * number.max()
-    wall = fall.meet(parallel(count), np.full(count, 15.0), np.full(count, 0.5), rng)
-    assert 0 < np.isfinite(wall).sum() < 0.7 * np.isfinite(sky).sum()
-    assert wall[np.isfinite(wall)].max() < 15.0
-
-
 def test_noise_on_a_flat_road() -> None:
     """Residuals have the stated standard deviation at all ranges and incidences, and no bias."""
     drive = Drive(FLAT, lines=100, trajectory=SMOOTH, disturbances=QUIET)
@@ -224,13 +96,6 @@ def test_noise_on_a_flat_road() -> None:
     assert (measured - true)[near].std() == pytest.approx(0.0083, abs=0.0003)
 
 
-def test_range_sigma() -> None:
-    """The formula of the noise: 8 mm and 0.1 mm per metre, more where the footprint is spread."""
-    sensor = ProfileScanner()
-    at = sensor.range_sigma(np.array([0.0, 20.0, 20.0]), np.array([1.0, 1.0, np.sqrt(0.5)]))
-    np.testing.assert_allclose(at, [0.008, 0.010, np.hypot(0.010, 0.25 * 0.010)])
-
-
 def test_shots_and_lines() -> None:
     """Shots are 5 µs apart, lines 5 ms and what the vehicle drives in that; angles wrap once."""
     drive = Drive(FLAT, lines=20, trajectory=SMOOTH, disturbances=QUIET)
@@ -246,31 +111,6 @@ def test_shots_and_lines() -> None:
     # The scan plane is turned by 45°, so a line leaves the road at both sides, far apart along it.
     along, across = position(points[(shot < 1000) & (np.abs(angle - np.pi) < 1.2)])[:2]
     assert np.polyfit(across, along, 1)[0] == pytest.approx(-1.0, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ('lines', 'shots', 'interval'),
-    [(156.25, 1280, 5000), (200.0, 1250, 4000), (250.0, 800, 5000), (250.0, 2000, 2000)],
-)
-def test_rates_of_survey_scanners(lines: float, shots: int, interval: int) -> None:
-    """From 150 to 250 lines a second and from 200 to 500 thousand shots."""
-    sensor = ProfileScanner(lines_per_second=lines, shots_per_line=shots, numbers_lines=True)
-    assert sensor.interval == interval
-    drive = Drive(FLAT, lines=5, sensor=sensor, trajectory=SMOOTH, disturbances=QUIET)
-    shot, points = returns(drive)
-    np.testing.assert_array_equal(points['line'], shot // shots)
-    first, last = (np.median(points['x'][points['line'] == line]) for line in (0, 4))
-    assert last - first == pytest.approx(4 * 8.5 / lines, rel=0.05)
-
-
-def test_sky_gives_missing_shots() -> None:
-    """No shot above the horizon comes back from a plain; nearly all steep ones come back."""
-    drive = Drive(FLAT, lines=20, trajectory=SMOOTH, disturbances=QUIET)
-    shot, _ = returns(drive)
-    up = drive.rays(np.arange(drive.shots)).direction[2, :, 0]
-    assert (up[shot] < 0.0).all()
-    assert np.isin(np.flatnonzero(up < -0.2), shot).all()
-    assert 0.3 < len(shot) / drive.shots < 0.5
 
 
 def test_shares_of_outliers() -> None:
@@ -305,19 +145,6 @@ def test_mixed_pixels_lie_between_surfaces() -> None:
         assert np.percentile(off, 99.9) < 0.06
 
 
-def test_scanner_that_tells_mixed_pulses() -> None:
-    """It gives no echo where another gives one between surfaces; elsewhere the same."""
-    front = Box((-500.0, 5.0, 0.0), (500.0, 5.01, 3.0), Kind.FACADE)
-    back = Box((-500.0, 5.5, 0.0), (500.0, 9.0, 9.0), Kind.FACADE)
-    drive = Drive(Scene((front, back)), lines=40, disturbances=QUIET)
-    shot, points = returns(drive)
-    sayer = replace(drive, sensor=ProfileScanner(keeps_mixed=False))
-    fewer, clean = returns(sayer)
-    np.testing.assert_array_equal(fewer, shot[points['label'] == Cause.GOOD])
-    assert (clean['label'] == Cause.GOOD).all()
-    assert len(fewer) < len(shot)
-
-
 def test_strongest_echo() -> None:
     """Of two groups of rays the larger one is measured, of equal ones the nearer."""
     inf = np.inf
@@ -330,14 +157,6 @@ def test_strongest_echo() -> None:
     # Exactly a pulse apart is one echo still.
     mean, share = _strongest(np.array([[5.0, 5.5, 6.0], [5.0, 5.5, 6.1]]), 0.5)
     np.testing.assert_allclose(mean, [5.5, 5.25])
-
-
-def test_weak_echoes_are_not_seen() -> None:
-    """An echo counts within limits, up to where it is as weak as the scanner bears."""
-    sensor = ProfileScanner(nearest=2.0, farthest=100.0, weakest=1e-4)
-    at = np.array([1.9, 2.0, 10.0, 10.1, 100.0, 101.0, np.inf])
-    strength = np.array([1.0, 1.0, 0.01, 0.01, 1.0, 9.0, 9.0])
-    assert sensor.is_seen(at, strength).tolist() == [0, 1, 1, 0, 1, 0, 0]
 
 
 def test_mirrors_put_what_is_before_them_behind_them() -> None:

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, rings
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
 from lidar_outlier_lab.simulation.world.recording import messages
@@ -111,52 +110,3 @@ def test_own_frame_moves_with_the_sensor() -> None:
     turned = np.einsum('ijn,jn->in', pose, np.stack([seen[axis] for axis in 'xyz']))
     np.testing.assert_allclose(turned + eye, position, atol=1e-5)
     assert distance[0] != pytest.approx(distance[-1], abs=0.5)
-
-
-def test_noise_and_resolution() -> None:
-    """Ranges are multiples of the resolution; their noise is the stated one, at every range."""
-    sensor = replace(SMALL, elevation=rings(-60.0, -4.0, 16), column_time=160_000, resolution=0.001)
-    shot, points = returns(drive(sensor=sensor))
-    distance = np.linalg.norm([points[axis].astype(np.float64) for axis in 'xyz'], axis=0)
-    parts = distance / sensor.resolution
-    np.testing.assert_allclose(parts, np.rint(parts), atol=0.01)
-    fall = -np.sin(np.array(sensor.elevation))[points['ring']]
-    true = 1.9 / fall
-    residual = (distance - true) / sensor.range_sigma(true, fall)
-    for ring in np.unique(points['ring']):
-        some = residual[points['ring'] == ring]
-        assert len(some) == 2 * sensor.columns
-        # Far off, a wide footprint on the road is longer beyond its middle than before it.
-        assert some.std() == pytest.approx(1.0, abs=0.12)
-    grazing = sensor.range_sigma(np.array([20.0, 20.0]), np.array([1.0, 0.1]))
-    assert grazing[1] > 4.0 * grazing[0]
-    assert len(shot) == len(points)
-
-
-def test_mixed_pixels_lie_on_their_beam() -> None:
-    """At a silhouette points lie between what is before and behind, straight along the beam."""
-    front = Box((-0.6, 6.0, -9.0), (0.6, 6.1, 9.0), Kind.SIGN)
-    back = Box((-50.0, 6.6, -9.0), (50.0, 7.0, 9.0), Kind.FACADE)
-    sensor = replace(SMALL, columns=2000, column_time=40_000)
-    shot, points = returns(drive(Scene((front, back)), sensor, turns=6))
-    mixed = points['label'] == Cause.MIXED
-    assert mixed.sum() > 20
-    xyz = np.stack([points[axis].astype(np.float64) for axis in 'xyz'])
-    x, y, _ = xyz[:, mixed]
-    assert ((y > 6.0) & (y < 6.6)).all()
-    assert (np.abs(np.abs(x) - 0.6) < 0.1).all()
-    _, beam = sensor.bundle(shot[mixed])
-    along = (xyz[:, mixed] * beam[:, :, 0]).sum(axis=0)
-    np.testing.assert_allclose(xyz[:, mixed], along * beam[:, :, 0], atol=1e-5)
-    # Good points are on one of the two.
-    off = np.minimum(np.abs(xyz[1] - 6.0), np.abs(xyz[1] - 6.6))[~mixed]
-    assert off.max() < 0.3
-    assert np.percentile(off, 99) < 0.08
-
-
-def test_refusals() -> None:
-    """No rings, and lasers that would fire between nanoseconds, are refused."""
-    with pytest.raises(FilterError, match='at least one, got none'):
-        SpinningScanner(elevation=())
-    with pytest.raises(FilterError, match='column_time must be a multiple of the number of rings'):
-        SpinningScanner(elevation=rings(-9.0, 9.0, 3), column_time=100)

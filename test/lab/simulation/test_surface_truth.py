@@ -4,12 +4,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from lidar_outlier_lab.simulation.papers import surface_truth
-from lidar_outlier_lab.simulation.world.landscape import Plants
 
 
 def to_triangle(p: np.ndarray, corners: np.ndarray) -> float:
@@ -44,14 +41,3 @@ def test_distances() -> None:
     found = surface_truth.distances(points, height, 1.0)
     assert (found >= expected - 1e-12).all()
     assert (found <= np.hypot(expected, surface_truth.FINE / np.sqrt(2)) + 1e-12).all()
-
-
-def test_a_city() -> None:
-    """The limit is twice the rms distance; the outliers are few, in trees and at walls."""
-    small = replace(surface_truth.CITY, lines=120, shots=120, plants=Plants(8, 40))
-    city = surface_truth.city(1, small)
-    assert len(city.xyz) == 120 * 120
-    assert city.limit == 2 * np.sqrt(np.mean(city.residual**2))
-    assert 0.01 < city.bad.mean() < 0.1
-    np.testing.assert_array_equal(city.bad, city.residual > city.limit)
-    np.testing.assert_array_equal(surface_truth.city(1, small).xyz, city.xyz)

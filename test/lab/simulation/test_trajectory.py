@@ -7,7 +7,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.world.trajectory import Route, rotation
 
 
@@ -33,31 +32,6 @@ def test_turn(*, after: bool) -> None:
     np.testing.assert_allclose(ahead, [[1, 0, -1, 1], [0, 1, 0, 0], [0, 0, 0, 0]], atol=1e-3)
 
 
-def test_bumps_lie_where_they_lie() -> None:
-    """Bumps belong to the way, not to the time: who stands is shaken by the engine alone."""
-    slow, fast = (Route(((0.0, speed, 0.0),), phase=0.7) for speed in (2.0, 8.0))
-    way = np.linspace(0.0, 20.0, 500)
-    lift = slow.position(way / 2.0)[2]
-    np.testing.assert_allclose(lift, fast.position(way / 8.0)[2], atol=1e-9)
-    assert 0.006 < lift.std() < 0.02
-    assert np.ptp(lift) < 0.031
-    standing = Route(((0.0, 0.0, 0.0),))
-    t = np.linspace(0.0, 3.0, 1000)
-    assert np.ptp(standing.position(t)) < 2.0  # of x, y and z
-    assert np.ptp(standing.position(t), axis=1).max() == 0.0
-    lean = np.abs(standing.rotation(t) - standing.rotation(np.zeros(1))).max()
-    assert 1e-4 < lean < 5e-4
-
-
-def test_nose_goes_up_where_the_road_does() -> None:
-    """The vehicle leans as the road does between its axles, which are 3 m apart."""
-    route = Route(((0.0, 5.0, 0.0),), tremble=0.0)
-    t = np.linspace(1.0, 8.0, 500)
-    front, back = (route.position(t + late)[2] for late in (0.3, -0.3))
-    np.testing.assert_allclose(route.rotation(t)[2, 0], (front - back) / 3.0, atol=1e-7)
-    assert np.ptp(front - back) > 0.01
-
-
 def test_rotations_are_rotations() -> None:
     """Columns are orthonormal and right-handed; each angle turns the way it says."""
     rng = np.random.default_rng(1)
@@ -69,12 +43,3 @@ def test_rotations_are_rotations() -> None:
     assert rotation(zero, some, zero)[2, 0, 0] == pytest.approx(-np.sin(0.1))  # nose down
     assert rotation(zero, zero, some)[1, 0, 0] == pytest.approx(np.sin(0.1))  # to the left
     assert rotation(some, zero, zero)[2, 1, 0] == pytest.approx(np.sin(0.1))  # left side up
-
-
-def test_refusals() -> None:
-    """Knots out of order, none at all, and driving backwards are refused."""
-    for knots in ((), ((1.0, 2.0, 0.0), (1.0, 3.0, 0.0))):
-        with pytest.raises(FilterError, match='must be one or more, increasing'):
-            Route(knots)
-    with pytest.raises(FilterError, match='must be at least 0'):
-        Route(((0.0, -1.0, 0.0),))

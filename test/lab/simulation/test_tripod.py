@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.papers import tripod
 
 
@@ -27,23 +27,6 @@ def test_pixels_are_directions(room: tripod.RangeImage) -> None:
     azimuth = room.image(np.arctan2(from_scanner[:, 1], from_scanner[:, 0]))
     assert abs(azimuth[30, 180]) < 0.03
     assert azimuth[30, 90] == pytest.approx(np.pi / 2, abs=0.03)
-
-
-def test_the_room(room: tripod.RangeImage) -> None:
-    """All is within the walls; outliers are between two surfaces, and few."""
-    assert (np.abs(room.xyz) < [3.7, 3.1, 2.8]).all()
-    label = room.points['label']
-    assert set(label.tolist()) == {Cause.GOOD, Cause.MIXED}
-    assert 0 < np.mean(label == Cause.MIXED) < 0.02
-    assert {Kind.ROAD, Kind.FACADE, Kind.SIGN, Kind.GLASS} <= set(room.points['surface'].tolist())
-
-
-def test_without_an_echo() -> None:
-    """Pixels of the sky have no value."""
-    scan = tripod.facades(1, rows=40, columns=120)[0]
-    pixels = scan.image(np.ones(len(scan.points)))
-    assert pixels.shape == (40, 120)
-    assert 0 < np.isnan(pixels).sum() == 40 * 120 - len(scan.points)
 
 
 def test_a_street_from_three_positions() -> None:

@@ -60,36 +60,6 @@ def test_fog_dims_a_surface_on_the_whole_way(sight: float, distance: float, thro
     assert left == pytest.approx(np.full(len(beams), through), rel=1e-3)
 
 
-def test_uneven_fog_is_as_dense_on_average() -> None:
-    """Its extinction has the mean α, near the sensor as far away."""
-    for distance in (8.0, 60.0):
-        depths = []
-        for seed in range(8):
-            beams = sweep(distance, 500)
-            rng = np.random.default_rng(seed)
-            _, _, left = plumes.strike(fog(50.0, 0.5), Optics(), beams, beams.range, rng)
-            depths.append(-np.log(left) / 2)
-        assert np.mean(depths) == pytest.approx(np.log(20) / 50.0 * distance, rel=0.05)
-        assert np.std(depths) > 0.02 * np.mean(depths)
-
-
-def test_what_is_left_of_a_surface_is_measured() -> None:
-    """The weather ``fog`` hides what falls below the noise, by the sight that is drawn."""
-    seed, number = 3, list(kinds.WEATHERS).index('fog')
-    drawn = np.random.default_rng([seed, number]).uniform(np.log(25.0), np.log(150.0))
-    alpha = np.log(20.0) / np.exp(drawn)
-    beams = sweep(40.0)
-    site, bright = kinds.WeatherSite(-1.8, 20.0), Optics(farthest=1e6)
-    seen = kinds.make('fog', beams, seed, bright, returns='last', around=site)
-    assert (seen.distance == 40.0).all()
-    depth = -np.log(seen.power / (0.3 / 40.0**2)) / 2
-    assert depth.mean() == pytest.approx(40.0 * alpha, rel=0.15)
-    # With noise as what half of this fog would leave, hardly any surface is seen.
-    dull = Optics(farthest=float(np.sqrt(0.9 / (0.3 / 1600.0 * np.exp(-40.0 * alpha)))))
-    both = kinds.make_both('fog', beams, seed, dull, around=site)
-    assert np.isfinite(both.surface.distance).mean() < 0.1
-
-
 def test_an_echo_of_fog_comes_from_before_the_surface() -> None:
     """However the cells lie, and none where the surface is nearer than anything is seen."""
     rng = np.random.default_rng(5)
@@ -156,19 +126,6 @@ def test_as_many_drops_as_a_beam_holds() -> None:
     )
     assert len(where) / count == pytest.approx(3.1416, rel=0.01)
     assert far.mean() == pytest.approx(6.0, abs=0.05)
-
-
-def test_power_of_a_drop() -> None:
-    """ρ e^(-2αr) (D ÷ b)² ÷ r², on average D² = 2 ÷ Λ²: 0.5 mm² of a beam of 100 mm²."""
-    fall = drops.Precipitation(2e5, 2.0, 0.9, 1000.0)
-    alpha, count = 0.0785398, 3000  # π × 2e5 ÷ 2³ × 1e-6
-    _, far, echo = drops.strike(
-        fall, NARROW, np.full(count, 41.0), np.zeros(count), np.random.default_rng(1)
-    )
-    for middle in (2.0, 10.0, 30.0):
-        near = np.abs(far - middle) < 1.0
-        mean = (echo[near] * far[near] ** 2 * np.exp(2 * alpha * far[near])).mean()
-        assert mean == pytest.approx(0.9 * 0.005, rel=0.1)
 
 
 def test_least_drop_through_rain() -> None:

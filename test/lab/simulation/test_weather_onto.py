@@ -158,17 +158,6 @@ def test_shape_of_a_cloud(recordings: Path, name: str) -> None:
         assert made.width > msg.width
 
 
-def test_beams_without_a_surface_are_seen(recordings: Path) -> None:
-    """In an organised cloud particles take the places of missing returns, whose times stay."""
-    msg = first_cloud(recordings, 'os0_32.bag')
-    old, new = rows(msg), rows(put(msg, 'os0_32.bag', 'heavy_snow'))
-    filled = (old['x'] == 0) & (new['x'] != 0)
-    assert filled.sum() > 500
-    assert (new['label'][filled] == Cause.SNOW).all()
-    for name in ('t', 'ring'):
-        assert (new[name] == old[name]).all()
-
-
 @pytest.mark.parametrize('returns', RETURN_NAMES)
 def test_returns(recordings: Path, returns: str) -> None:
     """The first return finds more flakes than the strongest; dual adds to the last."""
@@ -186,21 +175,6 @@ def test_returns(recordings: Path, returns: str) -> None:
         assert len(new) > len(last)
 
 
-def test_darker_by_beer_and_lambert(recordings: Path) -> None:
-    """What rain leaves of an intensity falls with the range: e^(-2αR), the same for all."""
-    msg = first_cloud(recordings, 'vlp32_nebula_db3')
-    old, made = rows(msg), CloudWeather('rain', 3, 'last', FilterParameters()).put(msg)
-    new = rows(made)
-    new = new[new['label'] == 0]
-    where = find(new, old, ['x', 'y', 'z', 'ring', 'time'])
-    before = old['intensity'][where].astype(float)
-    bright = before > 5
-    far = np.sqrt(sum(new[axis].astype(float) ** 2 for axis in 'xyz'))[bright]
-    alpha = -np.log(new['intensity'][bright] / before[bright]) / (2 * far)
-    assert alpha.mean() > 1e-4
-    np.testing.assert_allclose(alpha, alpha.mean(), rtol=0.02)
-
-
 def test_weather_stays_while_particles_change(recordings: Path) -> None:
     """From one sweep to the next, as many flakes are seen, at other places."""
     msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
@@ -209,17 +183,6 @@ def test_weather_stays_while_particles_change(recordings: Path) -> None:
     count = [int((new['label'] > 0).sum()) for new in (one, two)]
     assert abs(count[0] - count[1]) < 5 * np.sqrt(sum(count))
     assert one.tobytes() != two.tobytes()
-
-
-def test_snow_is_densest_metres_away(recordings: Path) -> None:
-    """Where nothing else came back: most flakes are not those next to the sensor."""
-    msg = first_cloud(recordings, 'os0_32.bag')
-    new = rows(put(msg, 'os0_32.bag', 'heavy_snow'))
-    snow = new[new['label'] == Cause.SNOW]
-    far = np.sqrt(sum(snow[axis].astype(float) ** 2 for axis in 'xyz'))
-    number, edges = np.histogram(far, np.arange(0.0, 20.0, 0.5))
-    assert 1.5 <= edges[np.argmax(number)] <= 6.0
-    assert number[:3].max() < 0.6 * number.max()
 
 
 def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
@@ -294,13 +257,6 @@ def test_refused(fields: list[tuple[str, str]], returns: str, words: str) -> Non
     parameters = FilterParameters().changed({'points_per_second': 1e6})
     with pytest.raises(FilterError, match=words):
         CloudWeather('rain', 1, returns, parameters).put(random_cloud(fields))
-
-
-def test_dual_needs_room(recordings: Path) -> None:
-    """An organised cloud has one place for each beam."""
-    msg = first_cloud(recordings, 'os0_32.bag')
-    with pytest.raises(FilterError, match='the return dual must be that of clouds that are not'):
-        put(msg, 'os0_32.bag', 'rain', returns='dual')
 
 
 def excerpt(recordings: Path, folder: Path, count: int = 2) -> Path:

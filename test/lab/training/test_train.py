@@ -10,14 +10,14 @@ from helpers.sweeps import sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up, read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features
-from lidar_outlier_lab.training.train import FALL, RISE, Recipe, Sweep, lie_between, train
+from lidar_outlier_lab.training.train import Recipe, Sweep, lie_between, train
 
 FEW = (3, 4)  # trees
 pytestmark = pytest.mark.usefixtures('few_edges')
@@ -72,39 +72,6 @@ def test_file_is_complete_and_repeats() -> None:
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
     assert {name for tree in data['first']['features'] for name in tree} <= {*WINDOW}
     assert {name for tree in data['again']['features'] for name in tree} <= {*WINDOW, *SECOND_PASS}
-
-
-def test_features_are_left_out() -> None:
-    """No question is about a feature that is left out, in either pass; the file does not use it."""
-    every = json.loads(train(sweeps(), {}, Recipe(1, FEW)).text)
-    without = {every[key]['features'][0][0] for key in ('first', 'again')}
-    data = json.loads(train(sweeps(), {}, Recipe(1, FEW, without)).text)
-    asked = {name for key in ('first', 'again') for tree in data[key]['features'] for name in tree}
-    assert asked
-    assert not asked & without
-    assert not {*data['uses']} & without
-
-
-def test_log_odds_rise_and_fall_as_physics_says() -> None:
-    """Farther from all others never makes a point better, even where the labels say so."""
-    rng = np.random.default_rng(5)
-    inverse = [one._replace(outlier=~one.outlier) for one in sweeps()]
-    data = json.loads(train(inverse, {}, Recipe(1, FEW, monotone=True)).text)
-    for key, names in (('first', (*WINDOW,)), ('again', (*WINDOW, *SECOND_PASS))):
-        trees = read_trees(data[key], names)
-        values = rng.uniform(-4.0, 8.0, (len(names), 400)).astype(np.float32)
-        before = np.empty(400, np.float32)
-        add_up(trees, values, before)
-        for name, sign in [(name, 1) for name in RISE] + [(name, -1) for name in FALL]:
-            if name in names:
-                more = values.copy()
-                more[names.index(name)] += rng.uniform(0.0, 5.0, 400).astype(np.float32)
-                after = np.empty(400, np.float32)
-                add_up(trees, more, after)
-                assert (sign * (after - before) >= -1e-4).all(), (key, name)
-    free = json.loads(train(inverse, {}, Recipe(1, FEW)).text)
-    assert free['first'] != data['first']
-    assert free['again'] != data['again']
 
 
 def test_sensor_that_is_left_out_does_not_train() -> None:

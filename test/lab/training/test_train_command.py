@@ -40,19 +40,6 @@ def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
     return known[name]
 
 
-def test_sweeps_are_spread_over_a_recording(recordings: Path) -> None:
-    """Of many clouds every second is taken, or every fourth; of few all."""
-    recording = sensor(recordings, 'XT32')
-    every = scenes.read_sweeps(recording, 100)
-    assert len(every) > 3
-    for most in (1, 2, 3):
-        some = scenes.read_sweeps(recording, most)
-        stride = next(2**k for k in range(9) if len(every[:: 2**k]) <= most)
-        assert len(some) == len(every[::stride])
-        for one, other in zip(some, every[::stride], strict=True):
-            assert np.array_equal(one.xyz, other.xyz)
-
-
 def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
     """Same seed, same points; outliers are what the weather makes, and the others are the cloud."""
     cloud = scenes.read_sweeps(sensor(recordings, 'VLP-16'), 1)[0]
@@ -67,17 +54,6 @@ def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
     good = [tuple(row) for row in points.xyz[~outlier].astype(np.float32).round(3).tolist()]
     assert np.mean([row in given for row in good]) > 0.95
     assert points.valid.all()
-
-
-@pytest.mark.usefixtures('few')
-def test_every_sensor_trains_and_is_judged(recordings: Path) -> None:
-    """Whether its rings are even or not."""
-    for name in ('VLP-32C', 'VLP-16'):
-        clouds = scenes.read_sweeps(sensor(recordings, name), 1)
-        sweeps = scenes.recorded_sweeps(name, clouds, 1)
-        assert [one.kind for one in sweeps] == ['clean', 'dust']
-        assert [(one.trains, one.judged) for one in sweeps] == [(True, True)] * 2
-        assert not sweeps[0].outlier.any()
 
 
 def test_two_returns_of_a_beam(recordings: Path) -> None:
@@ -152,19 +128,6 @@ def test_command(recordings: Path, tmp_path: Path, capsys: Capture) -> None:
     said = capsys.readouterr().out
     assert 'written to' in said
     assert 'vlp16_mrpt_mcap' in said
-
-
-@pytest.mark.slow
-def test_streets_of_one_seed_are_never_trained_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Turns of one seed train, those of another are judged; outliers are labelled."""
-    monkeypatch.setattr(scenes, 'STREET_SEEDS', (11,))
-    sweeps = scenes.street_sweeps('street-16')
-    assert [one.trains for one in sweeps] == [True] * 3 + [False] * 3
-    assert [one.judged for one in sweeps] == [False] * 3 + [True] * 3
-    assert len({one.name for one in sweeps}) == 6
-    for one in sweeps:
-        assert ('101' in one.name) == one.judged
-        assert 0 < one.outlier.sum() < len(one.points) == len(one.outlier)
 
 
 def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, PROFILE_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, PROFILE_MODEL
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.training.train_profile import Street, measured, train_profile
@@ -57,26 +57,9 @@ def test_file_is_complete_and_repeats() -> None:
     assert data['held_out']['recall']
 
 
-@pytest.mark.slow
-def test_street_that_is_left_out_does_not_train() -> None:
-    """Wrong labels of one street change what is said of others, and of itself only by judging."""
-    some = list(streets())
-    every = train_profile(some, {}, 1, FEW).held_out
-    some[1] = some[1]._replace(code=np.where(some[1].code > 0, 0, 1))
-    assert train_profile(some, {}, 1, FEW).held_out != every
-
-
 def test_what_cannot_be_trained_on() -> None:
     """Few streets, and streets without outliers, are refused."""
     with pytest.raises(FilterError, match='at least 3, got 2'):
         train_profile(streets()[:2], {})
     with pytest.raises(FilterError, match='outliers'):
         train_profile([one._replace(code=one.code * 0) for one in streets()], {})
-
-
-def test_model_of_the_package() -> None:
-    """It is there, and asks for what only profile scanners have, too."""
-    model = load(PROFILE_MODEL)
-    assert model.threshold > model.doubtful
-    rows = {*model.first.feature.ravel().tolist(), *model.again.feature.ravel().tolist()}
-    assert rows & {*range(len(WINDOW), len(WINDOW) + len(PROFILE))}

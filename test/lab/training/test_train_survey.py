@@ -5,17 +5,15 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, training_scene
-from lidar_outlier_lab.training import train_survey as train_module
 from lidar_outlier_lab.training.train_survey import SCENES, train_survey
 
 if TYPE_CHECKING:
@@ -65,28 +63,6 @@ def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
     assert set(data['held_out']['kinds']) == {'walls'}
 
 
-def test_rare_causes_count_more_than_their_share(
-    walls: list[SurveyScene], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A cause counts as the root of its share of a scene's points, what is good 5 times its own."""
-
-    class Drawn(Exception):  # noqa: N818  it ends training, it is no error
-        """What trains the first ensemble."""
-
-    def stop(drawn: Any, *_: object) -> None:
-        raise Drawn(drawn)
-
-    monkeypatch.setattr(train_module, 'learn_in_folds', stop)
-    with pytest.raises(Drawn) as raised:
-        train_survey(walls, {})
-    neither = [Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW]
-    for scene, drawn in zip(walls, raised.value.args[0], strict=True):
-        share = np.bincount(scene.cause.astype(np.int64)) / len(scene.cause)
-        rare = sum(np.sqrt(s) for cause, s in enumerate(share) if cause and cause not in neither)
-        assert drawn.weight[drawn.outlier].sum() == pytest.approx(rare)
-        assert drawn.weight[~drawn.outlier].sum() == pytest.approx(5 * share[0])
-
-
 def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
     """Too few scenes, and scenes without outliers, are refused."""
     with pytest.raises(FilterError, match='the training scenes must be at least 3, got 2'):
@@ -94,11 +70,3 @@ def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
     clean = [scene._replace(cause=np.zeros_like(scene.cause)) for scene in walls]
     with pytest.raises(FilterError, match='the training scenes must be ones with outliers'):
         train_survey(clean, {})
-
-
-def test_model_of_the_package() -> None:
-    """The model of the package is complete."""
-    model = load(SURVEY_MODEL)
-    assert model.doubtful < model.threshold
-    assert len(model.first.feature) == 80
-    assert len(model.again.feature) == 220
