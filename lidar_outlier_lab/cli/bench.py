@@ -20,8 +20,8 @@ def add_bench(commands: Commands) -> None:
     parser = commands.add_parser(
         'bench',
         help='measure the speed of this machine',
-        description='Compare the answers, then time detectors, the whole way of a cloud, its '
-        'parts, and the peers that are installed on the same points, on one core and on two.',
+        description='Compare the answers, then time detectors, the whole way of a cloud, and the '
+        'peers that are installed on the same points, on one core and on two.',
         epilog='examples:\n  lidar-outlier-filter bench\n'
         '  lidar-outlier-filter bench --write doc/performance.md',
     )

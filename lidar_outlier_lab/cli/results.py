@@ -133,13 +133,6 @@ def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -
     return section(options.presets, options.seeds, options.full, progress)
 
 
-def _growth(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.growth import section
-
-    preset = 'leslar-c' if options.quick else 'leslar-b'
-    return {'growth': section(preset, options.seeds[0], pictures, progress)}
-
-
 def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
     from lidar_outlier_lab.results.real_clouds import section
 
@@ -154,7 +147,6 @@ def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> 
 
 SECTIONS: dict[str, WriteSection] = {
     'contest': _contest,
-    'growth': _growth,
     'real': _real,
     'papers': _papers,
 }

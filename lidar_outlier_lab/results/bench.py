@@ -8,7 +8,6 @@ Answers are compared first: what is fast and wrong has no speed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.util import find_spec
 from statistics import median
 from time import perf_counter
@@ -146,12 +145,6 @@ def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
     return alpha_beta_gamma.detect(points, lines, parameters.of(AlphaBetaGamma)).rejected
 
 
-def neighbours_work(xyz: NDArray[np.float64]) -> Work:
-    """Search neighbours, the tree included."""
-    name = f'{NEIGHBOURS} nearest neighbours'
-    return Work(name, len(xyz), lambda: Neighbourhood(xyz, NEIGHBOURS).nearest(NEIGHBOURS))
-
-
 def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:
     """Run one spatial detector on the whole cloud at once, its neighbourhood included."""
     parameters = FilterParameters().changed({'chain': [detector]})
@@ -216,26 +209,6 @@ def peer_works(xyz: NDArray[np.float64]) -> list[Work]:
     if find_spec('sklearn') is not None:
         name = f'scikit-learn: LOF({NEIGHBOURS})'
         works.append(Work(name, len(some), lambda: peers.lof(some, NEIGHBOURS)))
-    return works
-
-
-def search_works(xyz: NDArray[np.float64]) -> list[Work]:
-    """Search neighbours by ours and by the trees of peers that are installed: trees included.
-
-    Raises
-    ------
-    FilterError
-        If one finds other distances.
-
-    """
-    works = [neighbours_work(xyz)]
-    few = xyz[:: max(len(xyz) // 1000, 1)]
-    wanted = peers.distances(few, NEIGHBOURS)
-    for name, search in peers.searches().items():
-        found = search(few, NEIGHBOURS)
-        if not np.allclose(found, wanted, rtol=1e-5, atol=1e-6):
-            raise FilterError(f'the distances of {name}', "those of SciPy's tree", 'others')
-        works.append(Work(name, len(xyz), partial(search, xyz, NEIGHBOURS)))
     return works
 
 

@@ -23,9 +23,7 @@ from lidar_outlier_lab.results.bench import (
     SWEEPS,
     Work,
 )
-from lidar_outlier_lab.results.bench_parts import parts_of
-from lidar_outlier_lab.results.sheet import Sheet
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
 if TYPE_CHECKING:
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 
 COMMAND = 'lidar-outlier-filter bench --write doc/performance.md'
 MOST_CORES = 2
-PEERS = ('open3d', 'sklearn', 'pykdtree', 'small_gicp', 'pynanoflann')
+PEERS = ('open3d', 'sklearn')
 # What is not compared here, and why.
 OTHERS = (
     'PCL: its Python bindings are no longer maintained, and need an old release of it',
@@ -52,44 +50,35 @@ def run(console: Console, page: Path | None = None) -> int:
     messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
     xyz = bench.coordinates(messages)
     bench.compare_sor(xyz[: len(xyz) // 8])
-    sheets = []
-    for sheet in _sheets(messages, xyz):
-        console.print(sheet.shown())
-        sheets.append(sheet)
-    said = _conditions()
-    console.print(said, highlight=False)
+    parts = [_conditions()]
+    for title, table in _tables(messages, xyz):
+        parts.append(f'### {title}\n\n{table}')
+        console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
+    console.print(parts[0], markup=False, highlight=False)
     if page is not None:
-        parts = (said, *(sheet.written() for sheet in sheets))
         markdown.write(page, 'speed', markdown.paragraphs(*parts), command=COMMAND)
     return 0
 
 
-def _sheets(messages: list[Any], xyz: Floats) -> Iterator[Sheet]:
-    # Answers are compared first: who differs is refused before anybody has waited for minutes.
-    searches = bench.search_works(xyz)
-    streams = [bench.stream_work(messages, chain) for chain in CHAINS]
-    alone = [bench.smoother_work(sides) for sides in SIDES]
-    alone += [bench.spatial_work(xyz, name) for name in SPATIAL]
-    floor = bench.floor_work(len(xyz))
-    yield speeds('The demo: a profile scanner', [*streams, *alone, *bench.peer_works(xyz), floor])
-    yield parts_of('What costs what on the demo', messages, SENSOR)
+def _tables(messages: list[Any], xyz: Floats) -> Iterator[tuple[str, str]]:
+    works = [bench.stream_work(messages, chain) for chain in CHAINS]
+    works += [bench.smoother_work(sides) for sides in SIDES]
+    works += [bench.spatial_work(xyz, name) for name in SPATIAL]
+    works += [*bench.peer_works(xyz), bench.floor_work(len(xyz))]
+    yield 'The demo: a profile scanner', speeds(works)
     slower = bench.profile_messages(SLOWER)
     works = [bench.stream_work(slower, CHAINS[0])]
     name = f'A profile scanner of {SLOWER:.0f} lines × {SHOTS} shots a second'
-    yield speeds(name, [*works, *bench.peer_works(bench.coordinates(slower))])
+    yield name, speeds([*works, *bench.peer_works(bench.coordinates(slower))])
     for rings, columns in SWEEPS:
         turns = bench.spinning_messages(rings, columns)
-        sweep = bench.coordinates(turns[:1])
         works = [bench.stream_work(turns, chain, {}) for chain in CHAINS[:2]]
-        name = f'sweeps of {rings} × {columns}'
-        yield speeds(name.capitalize(), [*works, *bench.peer_works(sweep)])
-        yield parts_of(f'What costs what on {name}', turns, {})
-    name = f'{bench.NEIGHBOURS} nearest neighbours of the demo, trees included'
-    yield speeds(name, searches)
-    yield _growth(xyz)
+        peers = bench.peer_works(bench.coordinates(turns[:1]))
+        yield f'Sweeps of {rings} × {columns}', speeds([*works, *peers])
+    yield 'Growth with the cloud', _growth(xyz)
 
 
-def speeds(title: str, works: Sequence[Work]) -> Sheet:
+def speeds(works: Sequence[Work]) -> str:
     """Measure works on one core, and on two where there are; peers are compared on the most."""
     counts = range(1, min(cores(), MOST_CORES) + 1)
     every = [[on(count, work) for count in counts] for work in works]
@@ -103,7 +92,7 @@ def speeds(title: str, works: Sequence[Work]) -> Sheet:
         cells = [most.name, f'{most.points:,}', *(f'{one.speed:.2f}' for one in row)]
         cells += [f'{most.nanoseconds:.0f}', *([f'{most.times(peer):.2f}'] if peer else [])]
         rows.append(cells)
-    return Sheet(title, head, rows)
+    return markdown.table(head, rows)
 
 
 def on(count: int, work: Work) -> Work:
@@ -133,7 +122,7 @@ def _allow(allowed: set[int]) -> None:
             os.sched_setaffinity(int(thread.name), allowed)
 
 
-def _growth(xyz: Floats) -> Sheet:
+def _growth(xyz: Floats) -> str:
     works = [bench.spatial_work(xyz[: len(xyz) // n], name) for name in SPATIAL for n in SHARES]
     bench.measure(works)
     rows = []
@@ -141,7 +130,7 @@ def _growth(xyz: Floats) -> Sheet:
         row = works[i : i + len(SHARES)]
         rows.append([row[0].name, *(f'{one.nanoseconds:.0f}' for one in row)])
     head = ['ns a point, of so many', *(f'{one.points:,}' for one in works[: len(SHARES)])]
-    return Sheet('Growth with the cloud', head, rows)
+    return markdown.table(head, rows)
 
 
 def _conditions() -> str:

@@ -14,11 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.kernels.threads import cores
-
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Floats
@@ -47,45 +43,6 @@ def distances(xyz: Floats, count: int, workers: int = 1) -> Floats:
     distance, _ = cKDTree(xyz).query(xyz, count + 1, workers=workers)
     found: Floats = np.asarray(distance)[:, 1:]
     return found
-
-
-def searches() -> dict[str, Callable[[Floats, int], Floats]]:
-    """Name the trees that are installed, each with what :func:`distances` does, on all cores."""
-    every: dict[str, tuple[str, Callable[[Floats, int], Floats]]] = {
-        "SciPy's cKDTree": ('scipy', lambda xyz, count: distances(xyz, count, workers=-1)),
-        "scikit-learn's KDTree": ('sklearn', _sklearn),
-        'pykdtree': ('pykdtree', _pykdtree),
-        "small_gicp's KdTree": ('small_gicp', _small_gicp),
-        "pynanoflann's KDTree": ('pynanoflann', _pynanoflann),
-    }
-    return {name: one for name, (module, one) in every.items() if find_spec(module) is not None}
-
-
-def _sklearn(xyz: Floats, count: int) -> Floats:
-    neighbours = import_module('sklearn.neighbors').NearestNeighbors(
-        n_neighbors=count, algorithm='kd_tree', n_jobs=-1
-    )
-    return np.asarray(neighbours.fit(xyz).kneighbors()[0])
-
-
-def _pykdtree(xyz: Floats, count: int) -> Floats:
-    distance, _ = import_module('pykdtree.kdtree').KDTree(xyz).query(xyz, k=count + 1)
-    return np.asarray(distance)[:, 1:]
-
-
-def _small_gicp(xyz: Floats, count: int) -> Floats:
-    module = import_module('small_gicp')
-    tree = module.KdTree(module.PointCloud(xyz), num_threads=cores())
-    _, square = tree.batch_knn_search(xyz, count + 1, num_threads=cores())
-    found: Floats = np.sqrt(np.asarray(square, np.float64)[:, 1:])
-    return found
-
-
-def _pynanoflann(xyz: Floats, count: int) -> Floats:
-    tree = import_module('pynanoflann').KDTree(n_neighbors=count + 1, leaf_size=10)
-    tree.fit(xyz)
-    distance, _ = tree.kneighbors(xyz, n_jobs=cores())
-    return np.asarray(distance)[:, 1:]
 
 
 def sor(xyz: Floats, count: int, deviations: float) -> Bools:

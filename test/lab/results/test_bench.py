@@ -17,16 +17,8 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filte
 from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.results import bench, bench_page, peers
-from lidar_outlier_lab.results.bench_parts import PARTS, parts_of
-from lidar_outlier_lab.results.sheet import Sheet
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
-
-
-@pytest.mark.slow
-def test_engines_agree() -> None:
-    """The kernel is timed only because its answer is the Kalman filter's."""
-    bench.compare_engines()
 
 
 @pytest.mark.slow
@@ -66,14 +58,13 @@ def test_works_work() -> None:
     messages = [to_message(stamp, points) for stamp, points in islice(clouds(demo_drive()), 3)]
     works = [
         bench.smoother_work('both'),
-        bench.neighbours_work(xyz),
         *(bench.spatial_work(xyz, name) for name in bench.SPATIAL),
         bench.stream_work(messages, bench.CHAINS[-1]),
     ]
     for work in works:
         work.call()
     in_stream = sum(msg.width for msg in messages)
-    spatial = [2000] * (1 + len(bench.SPATIAL))
+    spatial = [2000] * len(bench.SPATIAL)
     assert [work.points for work in works] == [300_000, *spatial, in_stream]
 
 
@@ -84,18 +75,6 @@ def test_peer_rejects_what_the_method_says() -> None:
     far = np.array([[50.0, 50.0, 50.0]])
     cloud = np.concatenate([grid, far])
     assert np.flatnonzero(peers.sor(cloud, 21, bench.MULTIPLIER)).tolist() == [100]
-
-
-def test_other_distances_are_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Trees of peers that are installed find the distances of ours, or are refused."""
-    xyz = np.random.default_rng(3).normal(size=(400, 3))
-    works = bench.search_works(xyz)
-    assert [work.points for work in works] == [400] * (1 + len(peers.searches()))
-    for work in works:
-        work.call()
-    monkeypatch.setattr(peers, 'searches', lambda: {'x': lambda few, k: np.zeros((len(few), k))})
-    with pytest.raises(FilterError, match="the distances of x must be those of SciPy's tree"):
-        bench.search_works(xyz)
 
 
 def test_one_core_is_left() -> None:
@@ -120,32 +99,22 @@ def test_speeds_of_each_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(bench_page, 'cores', lambda: 3)
     monkeypatch.setattr(bench_page, '_on', lambda count, _: used.append(count))
     works = [bench.Work(name, 1000, str) for name in ('ours', 'Open3D: SOR')]
-    sheet = bench_page.speeds('x', works)
+    head, _, ours, peer = bench_page.speeds(works).splitlines()
     assert used == [1, 2] * 4
-    assert sheet.head[2:4] == ['1 core, million/s', '2 cores, million/s']
-    assert sheet.head[-1] == '× Open3D'
-    assert [row[:2] for row in sheet.rows] == [['ours', '1,000'], ['Open3D: SOR', '1,000']]
-    assert sheet.rows[1][-1] == '1.00'
-    assert bench_page.speeds('x', works[:1]).head[-1] == 'ns a point'
-
-
-def test_parts_are_the_whole() -> None:
-    """A profile scanner's parts all take time, but for those of spinning sensors, and are all."""
-    messages = [to_message(stamp, points) for stamp, points in islice(clouds(demo_drive()), 6)]
-    sheet = parts_of('x', messages, SENSOR)
-    shares = {row[0]: float(row[2].removesuffix(' %')) for row in sheet.rows}
-    assert [*shares] == [*PARTS, 'all else']
-    assert sum(shares.values()) == pytest.approx(100.0, abs=0.6)
-    assert min(shares.values()) > 0.0
+    assert head.startswith('|  | points | 1 core, million/s | 2 cores, million/s |')
+    assert head.endswith('| × Open3D |')
+    assert ours.startswith('| ours | 1,000 |')
+    assert peer.startswith('| Open3D: SOR | 1,000 |')
+    assert peer.endswith('| 1.00 |')
+    assert bench_page.speeds(works[:1]).splitlines()[0].endswith('| ns a point |')
 
 
 def test_page_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Tables stand between markers, below what people wrote, and are shown, too."""
     shown = StringIO()
     monkeypatch.setattr(bench, 'compare_engines', lambda: None)
-    monkeypatch.setattr(
-        bench_page, '_sheets', lambda *_: [Sheet('Speed', ['a', 'b'], [['c', '1']])]
-    )
+    table = '| a | b |\n| --- | ---: |\n| c | 1 |'
+    monkeypatch.setattr(bench_page, '_tables', lambda *_: [('Speed', table)])
     page = tmp_path / 'performance.md'
     page.write_text('# Performance\n')
     assert bench_page.run(Console(file=shown), page) == 0

@@ -10,8 +10,7 @@ import numpy as np
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_lab.results import growth, real_clouds
+from lidar_outlier_lab.results import real_clouds
 from lidar_outlier_lab.results.papers import roc
 
 if TYPE_CHECKING:
@@ -33,16 +32,6 @@ def test_statistics() -> None:
     for name in ('SOR', 'LOF'):
         middle = np.median(found[name])
         np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
-
-
-def test_growth() -> None:
-    """Every detector is timed on every size."""
-    count = 400
-    xyz = np.random.default_rng(1).normal(size=(count, 3))
-    points = Points(xyz, np.arange(count), np.zeros(count, np.int64), np.ones(count, np.bool_))
-    seconds = growth.growth(points, [200, 400], ['sor', 'elevation'], quiet)
-    assert {name: len(times) for name, times in seconds.items()} == {'sor': 2, 'elevation': 2}
-    assert np.isfinite(list(seconds.values())).all()
 
 
 def test_labelled_clouds(recordings: Path) -> None:
