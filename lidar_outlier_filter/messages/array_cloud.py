@@ -13,7 +13,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import AXES, DATATYPES
+from lidar_outlier_filter.messages.cloud import DATATYPES, FORMATS, SCORE_FIELDS, laid_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
 A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'
-DIMENSIONS = (1, 2)
 
 
 @dataclass
@@ -51,28 +50,18 @@ class ArrayCloud:
 
         The dtype is the given one, and the fields of the scores behind it where they were added.
         """
-        rows = np.asarray(self.data).view(self._layout())
+        rows = np.asarray(self.data).view(self._dtype())
         return rows.reshape(self.height, self.width) if self.height > 1 else rows
 
-    def _layout(self) -> np.dtype[np.void]:
-        """Add the fields that the array did not have."""
+    def _dtype(self) -> np.dtype[np.void]:
         if self.point_step == self.dtype.itemsize:
             return self.dtype
-        names = self.dtype.names or ()
-        kinds: Any = self.dtype.fields
+        given: Any = self.dtype.fields
+        columns = {name: given[name][:2] for name in self.dtype.names or ()}
         order = '>' if self.is_bigendian else '<'
-        types = {number: name for name, number in DATATYPES.items()}
-        added = [item for item in self.fields if item.name not in names]
-        layout: Any = {
-            'names': [*names, *(item.name for item in added)],
-            'formats': [
-                *(kinds[name][0] for name in names),
-                *(order + types[item.datatype] for item in added),
-            ],
-            'offsets': [*(kinds[name][1] for name in names), *(item.offset for item in added)],
-            'itemsize': self.point_step,
-        }
-        return np.dtype(layout)  # type: ignore[no-any-return]
+        for item in self.fields[-len(SCORE_FIELDS) :]:
+            columns[item.name] = (order + FORMATS[item.datatype], item.offset)
+        return laid_out(columns, self.point_step)
 
 
 def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
@@ -127,21 +116,14 @@ def as_given(cloud: Any) -> Any:
 
 def _refuse(cloud: NDArray[Any]) -> None:
     """Refuse arrays that are no clouds."""
-    names = cloud.dtype.names
-    if names is None:
+    if not cloud.dtype.names:
         raise CloudError('a cloud', A_CLOUD, f'an array of {cloud.dtype}, {cloud.shape}')
     if isinstance(cloud, np.ma.MaskedArray):
         raise CloudError('a cloud', 'without a mask', 'a masked array')
-    if cloud.ndim not in DIMENSIONS:
+    if cloud.ndim not in {1, 2}:
         raise CloudError('the shape of a cloud', '(N,) or (height, width)', cloud.shape)
     if cloud.dtype.hasobject:
         raise CloudError('the fields', 'without Python objects', str(cloud.dtype))
-    for axis in AXES:
-        if axis not in names:
-            raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
-        kind = cloud.dtype[axis]
-        if kind.str[1:] not in DATATYPES:
-            raise CloudError(f'field {axis!r}', 'a single number of at most 64 bits', str(kind))
 
 
 def _fields(dtype: np.dtype[np.void]) -> tuple[list[Any], bool]:

@@ -32,8 +32,8 @@ FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(FORMATS[:11]) if name}}
 AXES = ('x', 'y', 'z')
-MOST_LAYOUTS = 64  # that are remembered: a topic has one or two
-REMEMBERED_NAMES = 10_000  # characters of all fields of one
+MAX_LAYOUTS = 64  # of one topic, which has one or two
+MAX_NAMES = 10_000  # characters of the names of all fields
 SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
 REASON = 'outlier_reason'
 # What `scores` adds behind each point, by numpy's names of the types
@@ -59,31 +59,27 @@ def structured(msg: Any) -> Rows:
     if len(msg.data) < msg.row_step * msg.height:
         must_be = f'at least row_step × height = {msg.row_step * msg.height} bytes'
         raise CloudError('data', must_be, len(msg.data))
-    dtype = _dtype(msg)
+    fields = tuple((item.name, item.datatype, item.offset, item.count) for item in msg.fields)
+    length = sum(len(name) for name, *_ in fields)
+    if length > MAX_NAMES:
+        raise CloudError('the names of the fields', f'at most {MAX_NAMES} characters', length)
+    dtype = _dtype(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
     shape, strides = (msg.height, msg.width), (msg.row_step, msg.point_step)
     return np.ndarray(shape, dtype, np.frombuffer(msg.data, np.uint8), 0, strides)
 
 
-def _dtype(msg: Any) -> np.dtype[np.void]:
-    fields = tuple((item.name, item.datatype, item.offset, item.count) for item in msg.fields)
-    # What is remembered is bounded: a name may be a megabyte.
-    names = sum(len(name) for name, *_ in fields)
-    layout = _known_layout if names <= REMEMBERED_NAMES else _layout
-    return layout(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
-
-
-def _layout(
+@lru_cache(maxsize=MAX_LAYOUTS)
+def _dtype(
     fields: tuple[tuple[str, int, int, int], ...], point_step: int, *, is_bigendian: bool
 ) -> np.dtype[np.void]:
-    """Check the fields of a cloud and make their dtype: once for all clouds of a usual topic."""
-    names, formats, offsets = [], [], []
-    known: set[str] = set()  # names may be many
+    """Check the fields of a cloud and make their dtype."""
+    columns: dict[str, tuple[Any, int]] = {}
     for name, datatype, offset, count in fields:
         if not 1 <= datatype < len(FORMATS):
             raise CloudError('the datatype of a field', 'from 1 to 11', f'{datatype} for {name!r}')
         if count < 1:
             raise CloudError('the count of a field', 'at least 1', f'{count} for {name!r}')
-        if not name or name in known:
+        if not name or name in columns:
             raise CloudError('the names of the fields', 'given and different', repr(name))
         if name in AXES and count > 1:
             raise CloudError(f'field {name!r}', 'a single number', count)
@@ -92,18 +88,21 @@ def _layout(
         if end > point_step:
             must_be = f'at least {end}, the end of field {name!r}'
             raise CloudError('point_step', must_be, point_step)
-        known.add(name)
-        names.append(name)
-        formats.append(kind if count == 1 else np.dtype((kind, (count,))))
-        offsets.append(offset)
-    for axis in AXES:
-        if axis not in names:
-            raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
-    layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': point_step}
-    return np.dtype(layout)  # type: ignore[call-overload,no-any-return]
+        columns[name] = (kind if count == 1 else np.dtype((kind, (count,))), offset)
+    if not columns.keys() >= set(AXES):
+        raise CloudError('the fields', 'with x, y and z', ', '.join(columns) or 'none')
+    return laid_out(columns, point_step)
 
 
-_known_layout = lru_cache(maxsize=MOST_LAYOUTS)(_layout)
+def laid_out(columns: Mapping[str, tuple[Any, int]], point_step: int) -> np.dtype[np.void]:
+    """Return the dtype of rows whose columns have these types and offsets."""
+    layout: Any = {
+        'names': list(columns),
+        'formats': [kind for kind, _ in columns.values()],
+        'offsets': [offset for _, offset in columns.values()],
+        'itemsize': point_step,
+    }
+    return np.dtype(layout)  # type: ignore[no-any-return]
 
 
 def is_empty(msg: Any) -> bool:

@@ -5,9 +5,7 @@
 from __future__ import annotations
 
 import copy
-from collections import OrderedDict
 from dataclasses import dataclass
-from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +17,7 @@ from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
     AXES,
-    MOST_LAYOUTS,
+    MAX_LAYOUTS,
     SCORE_FIELDS,
     is_empty,
     structured,
@@ -80,8 +78,7 @@ class Decoder:
         self._inform = inform
         self._warn = warn
         self.convention: Convention | None = None  # of the last cloud that had a valid point
-        self._found: OrderedDict[bytes, Convention] = OrderedDict()  # by layout, the last one last
-        self._said = 0  # layouts of which it was said how they are read
+        self._found: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
         self._before = self._counter
         self._mask = mask_of(parameters)
@@ -118,8 +115,7 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        layout = _named_by(view.dtype)
-        convention = self._convention(layout, view, valid)
+        convention = self._convention(view, valid)
         if convention is None:
             # No valid point: nothing to find out from, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
@@ -128,7 +124,7 @@ class Decoder:
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
-        self._remember(layout, view.dtype, convention)
+        self._remember(view.dtype, convention)
         if not self._coarse:
             self._look_at_steps(view.dtype, xyz, valid)
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
@@ -173,35 +169,21 @@ class Decoder:
                     must_be = 'a float, to become NaN under keep_organized'
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
-    def _convention(
-        self, layout: bytes, view: NDArray[np.void], valid: NDArray[np.bool_]
-    ) -> Convention | None:
-        """Look up how clouds of this layout are read, or find it out from this one."""
-        if layout in self._found:
-            return self._found[layout]
+    def _convention(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention | None:
+        """Return how clouds of this layout are read; None where no point tells."""
+        if view.dtype in self._found:
+            return self._found[view.dtype]
+        if len(self._found) == MAX_LAYOUTS:
+            must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
+            raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
         return self._find_out(view, valid) if valid.any() else None
 
-    def _remember(self, layout: bytes, dtype: np.dtype[np.void], convention: Convention) -> None:
-        """Read all clouds of this layout in the same way, and say so once.
-
-        Of more layouts than a topic has, those that came last are remembered, the first are said.
-        """
+    def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
+        """Read all clouds of this layout in the same way, and report it once."""
         self.convention = convention
-        if layout not in self._found:
-            if len(self._found) == MOST_LAYOUTS:
-                self._found.popitem(last=False)
-            self._found[layout] = convention
-            self._say(dtype, convention)
-        self._found.move_to_end(layout)
-
-    def _say(self, dtype: np.dtype[np.void], convention: Convention) -> None:
-        """Say how the clouds of a new layout are read."""
-        self._said += 1
-        if self._said > MOST_LAYOUTS:
-            if self._said == MOST_LAYOUTS + 1:
-                said = f'more than {MOST_LAYOUTS} layouts of clouds'
-                self._warn(f'{said}: how others are read is not said')
+        if dtype in self._found:
             return
+        self._found[dtype] = convention
         self._inform(str(convention))
         if convention.missing:
             names = short(', '.join(dtype.names or ()))
@@ -309,19 +291,6 @@ class Decoder:
         sigma = _named(view, name, 'sigma_field', 'iuf').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
-
-
-def _named_by(dtype: np.dtype[np.void]) -> bytes:
-    """Name a layout by few bytes, however long the names of its fields are."""
-    # NumPy writes the whole type in forty times the time.
-    fields = [(name, *_form(*dtype.fields[name][:2])) for name in dtype.names or ()]  # type: ignore[index]
-    text = repr((dtype.itemsize, fields))
-    return blake2b(text.encode('utf-8', 'surrogatepass'), digest_size=16).digest()
-
-
-def _form(dtype: np.dtype[Any], offset: int) -> tuple[object, ...]:
-    """Return what makes out a field, its name aside."""
-    return dtype.base.str if dtype.base.names is None else repr(dtype), dtype.shape, offset
 
 
 def _nothing(*, with_sigma: bool) -> Points:

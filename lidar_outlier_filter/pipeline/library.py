@@ -24,17 +24,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.core.verdict import Verdict
-    from lidar_outlier_filter.errors import JudgingError
     from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-    from lidar_outlier_filter.pipeline.statistics import Statistics
 
 FIELDS = ('time_field', 'line_field', 'angle_field', 'sigma_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
 
 
-class CloudFilter:
+class CloudFilter(Pipeline):
     """Filters a stream of clouds: each gives one cleaned and one outlier cloud, in order.
 
     Parameters
@@ -49,6 +46,10 @@ class CloudFilter:
 
     Attributes
     ----------
+    parameters : FilterParameters
+        The parameters in force.
+    statistics : Statistics
+        Counts since the start.
     refuse : callable
         Called with the error of a cloud that was accepted, and refused when its block was judged.
     fail : callable
@@ -86,23 +87,7 @@ class CloudFilter:
         chain: Sequence[str] | None = None,
     ) -> None:
         """Make all kernels ready."""
-        self.refuse: Callable[[CloudError], object] = str
-        self.fail: Callable[[JudgingError], object] = str
-        self.slow: Callable[[SlowDetector], object] = str
-        self._pipeline = Pipeline(gather(parameters, chain), inform, warn)
-        self._pipeline.refuse = lambda err: self.refuse(err)  # noqa: PLW0108  set later
-        self._pipeline.fail = lambda err: self.fail(err)  # noqa: PLW0108  set later
-        self._pipeline.slow = lambda detector: self.slow(detector)  # noqa: PLW0108  set later
-
-    @property
-    def parameters(self) -> FilterParameters:
-        """The parameters in force."""
-        return self._pipeline.parameters
-
-    @property
-    def statistics(self) -> Statistics:
-        """Counts since the start."""
-        return self._pipeline.statistics
+        super().__init__(gather(parameters, chain), inform, warn)
 
     def push(
         self, cloud: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
@@ -134,20 +119,7 @@ class CloudFilter:
         ['the first']
 
         """
-        return self._pipeline.process(cloud, tag, stamp=stamp)
-
-    def flush(self) -> list[SplitCloud]:
-        """Return all pending clouds, and reset: the end of a recording.
-
-        Examples
-        --------
-        >>> from lidar_outlier_filter import CloudFilter
-        >>> filter = CloudFilter(chain=['sor'])
-        >>> filter.flush(), filter.statistics.messages, filter.parameters.chain
-        ([], 0, ('sor',))
-
-        """
-        return self._pipeline.flush()
+        return self.process(cloud, tag, stamp=stamp)
 
 
 def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged

@@ -50,30 +50,6 @@ class PoseSource(Protocol):
         """
 
 
-class Stationary:
-    """The pose source of a sensor whose points are not moved."""
-
-    topic = ''
-
-    def __init__(self) -> None:
-        """Begin without refusals."""
-        self.refusals = CountsByReason()
-
-    def take(self, msg: Any) -> None:
-        """Ignore a pose."""
-
-    def reaches(self, _last: int, _frame: str) -> bool:
-        """Return True: no pose is needed."""
-        return True
-
-    def move(self, points: Points, _frame: str) -> tuple[Points, Bools]:
-        """Return the points as they are."""
-        return points, points.valid
-
-    def reset(self) -> None:
-        """Do nothing."""
-
-
 class Odometry:
     """Poses of nav_msgs/Odometry messages, and the sensor's place in their child frame."""
 
@@ -129,8 +105,8 @@ class PoseQueue(Generic[AnyCloud]):
 
     """
 
-    def __init__(self, source: PoseSource, parameters: FilterParameters) -> None:
-        """Wait for the poses of a source."""
+    def __init__(self, source: PoseSource | None, parameters: FilterParameters) -> None:
+        """Wait for the poses of a source; without one no cloud waits, and none is moved."""
         self.without_pose = 0
         self._source = source
         self.set_max_delay(parameters.max_delay)
@@ -167,6 +143,8 @@ class PoseQueue(Generic[AnyCloud]):
         """
         cloud = self.clouds.popleft()
         self.points -= cloud.count
+        if self._source is None:
+            return cloud
         cloud.points, moved = self._source.move(cloud.points, cloud.frame)
         if moved.all():
             cloud.frame = ''
@@ -180,9 +158,9 @@ class PoseQueue(Generic[AnyCloud]):
     def reset(self) -> None:
         """Forget the poses and the time; the queue is empty."""
         self._clear()
-        self._source.reset()
+        if self._source is not None:
+            self._source.reset()
 
     def _is_ready(self, cloud: AnyCloud) -> bool:
-        if cloud.last < max(cloud.first, self.newest - self._max_delay):
-            return True
-        return self._source.reaches(cloud.last, cloud.frame)
+        is_late = cloud.last < max(cloud.first, self.newest - self._max_delay)
+        return self._source is None or is_late or self._source.reaches(cloud.last, cloud.frame)

@@ -22,7 +22,7 @@ from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.pipeline.compiling import is_ready, make_ready
-from lidar_outlier_filter.pipeline.motion import PoseQueue, Stationary
+from lidar_outlier_filter.pipeline.motion import PoseQueue
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -117,9 +117,9 @@ class Pipeline:
         self._inform, self._warn = inform, warn
         self._decoder = Decoder(parameters, inform, warn)
         self._is_moving = motion is not None
-        source = motion or Stationary()
-        self.statistics.poses = source.refusals
-        self._queue: PoseQueue[_PendingCloud] = PoseQueue(source, parameters)
+        if motion is not None:
+            self.statistics.poses = motion.refusals
+        self._queue: PoseQueue[_PendingCloud] = PoseQueue(motion, parameters)
         self._blocks: Blocks[_PendingCloud] = Blocks(parameters)
         self._blocks.inform, self._blocks.fail = inform, self._failed
         self._finished: list[_PendingCloud] = []

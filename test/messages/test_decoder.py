@@ -77,19 +77,22 @@ CONVENTIONS = {
 
 @pytest.mark.parametrize('order', ['<', '>'])
 @pytest.mark.parametrize('maker', CONVENTIONS)
-def test_time_conventions(maker: str, order: str) -> None:
-    """The time of every maker is found by itself, to the nanosecond."""
+@pytest.mark.parametrize('line', LINE_NAMES)
+def test_time_conventions(maker: str, order: str, line: str) -> None:
+    """The time of every maker is found by itself, to the nanosecond, and each name of lines."""
     name, kind, times, unit, start = CONVENTIONS[maker]
-    rows = table(COUNT, order, ring=('u2', 0), **{name: (kind, times)})
+    rows = table(COUNT, order, **{line: ('u2', 7), name: (kind, times)})
     reader, informed, warned = decoder()
     points = reader.decode(cloud(rows))
     assert points.t.dtype == np.int64
     assert points.t.tolist() == exact(rows[name], unit, start)
     reference = 'from the header stamp' if start else 'absolute'
     assert informed == [
-        f"times from field '{name}' ({unit}, {reference}), scan lines by field 'ring'"
+        f"times from field '{name}' ({unit}, {reference}), scan lines by field '{line}'"
     ]
+    assert set(points.line.tolist()) == {7}
     assert not warned
+    assert {one for one, *_ in CONVENTIONS.values()} == set(TIME_NAMES)
 
 
 FAMILIES = {
@@ -115,14 +118,6 @@ def test_families(family: str) -> None:
     assert not warned
 
 
-def test_nebula_stamp() -> None:
-    """What the file for Hesai says of a field with another name is true."""
-    assert '`stamp`' in (CONFIG / 'hesai.yaml').read_text(encoding='utf-8')
-    values = read_yaml(CONFIG / 'hesai.yaml') | {'time_field': 'stamp'}
-    rows = table(COUNT, stamp=('f8', 1.56e9 + SWEEP), ring=('u2', 3))
-    assert decode(cloud(rows), **values).t.tolist() == exact(rows['stamp'], 's')
-
-
 def test_nanoseconds_survive() -> None:
     """Stamps keep what they hold: a float64's seconds, a uint64's or a header's nanoseconds."""
     msg = cloud(table(3, t=('u4', [0, 1, 2])), STAMP + 123_456_789)
@@ -143,20 +138,6 @@ def test_parameters_override(kind: str, unit: str, reference: str, start: int) -
     rows = table(4, time=('f4', 5), clock=(kind, [1, 2, 3, 400]))
     values = {'time_field': 'clock', 'time_unit': unit, 'time_reference': reference}
     assert decode(cloud(rows), **values).t.tolist() == exact(rows['clock'], unit, start)
-
-
-@pytest.mark.parametrize('name', TIME_NAMES)
-def test_time_names(name: str) -> None:
-    """Each usual name is found."""
-    points = decode(cloud(table(3, **{name: ('u4', [7, 8, 9])})))
-    assert points.t.tolist() == [STAMP + 7, STAMP + 8, STAMP + 9]
-
-
-def test_time_names_of_several_numbers() -> None:
-    """A usual name with several numbers in a point is no time field; the next is taken."""
-    rows = np.zeros(3, [(n, 'f4') for n in 'xyz'] + [('t', 'u4', (2,)), ('time', 'u4')])
-    rows['x'], rows['t'], rows['time'] = 1, 5, [1, 2, 3]
-    assert decode(cloud(rows)).t.tolist() == [STAMP + 1, STAMP + 2, STAMP + 3]
 
 
 def test_units_of_functions() -> None:
@@ -183,125 +164,81 @@ def test_units_of_functions() -> None:
 # Missing fields ---------------------------------------------------------------------------------
 
 
-def test_without_time() -> None:
-    """Without a time field the order counts, and one warning names the parameter for it."""
+NO_TIME = 'no time field: the order of the points counts, at points_per_second 1000'
+NO_ROWS = 'no line field: each row is a scan line (line_source)'
+NO_LINE = NO_ROWS.replace('row', 'message')
+T, RING = {'t': ('u4', range(6))}, {'ring': ('u1', 0)}
+
+
+@pytest.mark.parametrize('height', [1, 2])
+@pytest.mark.parametrize(
+    ('columns', 'warnings'),
+    [
+        (RING, [[NO_TIME], [NO_TIME]]),
+        (T, [[NO_LINE], [NO_ROWS]]),
+        ({}, [[NO_TIME, NO_LINE], [NO_TIME, NO_ROWS]]),
+        (T | RING, [[], []]),
+    ],
+)
+def test_missing_fields(height: int, columns: dict[str, Any], warnings: list[list[str]]) -> None:
+    """One warning names what there is instead: the order of points, their rows or messages."""
     reader, _, warned = decoder({'points_per_second': 1000.0})
-    msg = cloud(table(4, ring=('u1', 0)))
-    for _ in range(3):
-        assert reader.decode(msg).t.tolist() == [STAMP + i * 1_000_000 for i in range(4)]
-    assert len(warned) == 1
-    assert 'no time field' in warned[0]
-    assert 'points_per_second 1000' in warned[0]
-    assert 'line' not in warned[0]
+    msg = cloud(table(6, **columns).reshape(height, -1))
+    first, second = reader.decode(msg), reader.decode(msg)
+    if 't' not in columns:  # the points of a column are fired together
+        after = [i * 1_000_000 for i in range(6)] if height == 1 else [0, 2_000_000, 4_000_000] * 2
+        assert (first.t - STAMP).tolist() == (second.t - STAMP).tolist() == after
+    if 'ring' not in columns and height == 1:
+        assert set(first.line.tolist()).isdisjoint(second.line.tolist())
+    if 'ring' not in columns and height == 2:
+        assert first.line.tolist() == second.line.tolist() == [0, 0, 0, 1, 1, 1]
+    expected = warnings[height - 1]
+    assert [one.partition(' there is ')[2] for one in warned] == ['; '.join(expected)] * bool(
+        expected
+    )
 
 
-def test_without_time_organised() -> None:
-    """The points of a column of an organised cloud are fired together."""
-    msg = cloud(table(6, ring=('u1', 0)).reshape(2, 3))
-    t = decode(msg, points_per_second=1000.0).t - STAMP
-    assert t.tolist() == [0, 2_000_000, 4_000_000] * 2
-
-
-def test_without_line() -> None:
-    """Without a line field each message is a line, and one warning names the parameter for it."""
-    reader, _, warned = decoder()
-    msg = cloud(table(4, t=('u4', range(4))))
-    lines = [set(reader.decode(msg).line.tolist()) for _ in range(3)]
-    assert [len(line) for line in lines] == [1, 1, 1]
-    assert len(set.union(*lines)) == 3
-    assert len(warned) == 1
-    assert 'no line field: each message is a scan line (line_source)' in warned[0]
-    assert 'time' not in warned[0]
-
-
-def test_without_line_organised() -> None:
-    """In an organised cloud each row is a line."""
-    reader, _, warned = decoder()
-    msg = cloud(table(6, t=('u4', range(6))).reshape(2, 3))
-    for _ in range(2):
-        assert reader.decode(msg).line.tolist() == [0, 0, 0, 1, 1, 1]
-    assert len(warned) == 1
-    assert 'each row is a scan line (line_source)' in warned[0]
-
-
-def test_without_time_and_line() -> None:
-    """One warning names both parameters, and the fields there are."""
-    reader, informed, warned = decoder()
-    for _ in range(3):
-        reader.decode(cloud(table(4, intensity=('f4', 0))))
-    assert len(warned) == 1
-    for word in ('x, y, z, intensity', 'points_per_second', 'line_source'):
-        assert word in warned[0]
-    assert informed == ['times from points_per_second, scan lines by message']
-
-
-def test_no_warning_where_it_was_asked_for() -> None:
-    """Whoever sets the line source to rows is not warned that rows are lines."""
-    reader, _, warned = decoder({'line_source': 'row'})
-    reader.decode(cloud(table(4, t=('u4', range(4)))))
-    assert not warned
-
-
-def test_missing_fields_refused() -> None:
-    """A field that a parameter asks for must be there, and be a single number."""
-    rows = np.zeros(3, [(n, 'f4') for n in 'xyz'] + [('t', 'f4'), ('pair', 'u4', (2,))])
-    rows['x'] = 1
-    msg = cloud(rows)
-    asked: list[tuple[dict[str, object], str]] = [
-        (
-            {'time_field': 'tick'},
-            "^time_field 'tick' must be one of the fields x, y, z, t, pair, got none of them$",
-        ),
-        ({'time_field': 'pair'}, "field 'pair' must be a single number"),
-        (
-            {'line_field': 'lane'},
-            "^line_field 'lane' must be one of the fields x, y, z, t, pair, got none",
-        ),
-        ({'line_field': 't'}, "field 't' must be a single whole number, got float32"),
-        ({'line_source': 'field'}, 'the line field must be one of ring, channel, line, laser_id'),
-        (
-            {'line_source': 'angle', 'angle_field': 'phi'},
-            "^angle_field 'phi' must be one of the fields",
-        ),
-        (
-            {'sigma_field': 's'},
-            r"^sigma_field 's' must be one of the fields",
-        ),
-    ]
-    for values, sentence in asked:
-        with pytest.raises(CloudError, match=sentence):
-            decode(msg, **values)
-
-
-def test_no_time_can_be_refused() -> None:
-    """With points_per_second 0 a cloud without time is refused, and said what would serve."""
-    with pytest.raises(
-        CloudError, match=r'the time field must be one of t, time, .* got the fields x'
+def test_lines_by_parameter() -> None:
+    """The field or source that the parameters name is taken, without a warning."""
+    rows = table(6, t=('u4', 0), ring=('u2', 9), group=('u2', range(6))).reshape(2, 3)
+    for values, lines in (
+        ({'line_field': 'group'}, [0, 1, 2, 3, 4, 5]),
+        ({'line_source': 'row'}, [0, 0, 0, 1, 1, 1]),
+        ({'line_source': 'message'}, [1] * 6),
     ):
-        decode(cloud(table(3, ring=('u1', 0))), points_per_second=0.0)
+        reader, _, warned = decoder(values)
+        assert reader.decode(cloud(rows)).line.tolist() == lines
+        assert not warned
+
+
+PAIR = np.ones(3, [(n, 'f4') for n in 'xyz'] + [('t', 'f4'), ('pair', 'u4', (2,)), ('s', 'f8')])
+FLAT = np.ones((2, 3), [('x', 'i2'), ('y', 'u1'), ('z', 'f8'), ('t', 'u4')])
+SCORED = table(3, outlier_detectors=('u2', 0))
+REFUSALS: list[tuple[Any, dict[str, object], str]] = [
+    (PAIR, {'time_field': 'tick'}, "^time_field 'tick' must be one of the fields x, y, z, t, pair"),
+    (PAIR, {'time_field': 'pair'}, "field 'pair' must be a single number"),
+    (PAIR, {'line_field': 'lane'}, "^line_field 'lane' must be one of the fields x, y, z, t, pair"),
+    (PAIR, {'line_field': 't'}, "field 't' must be a single whole number, got float32"),
+    (PAIR, {'line_source': 'field'}, 'the line field must be one of ring, channel, line, laser_id'),
+    (PAIR, {'line_source': 'angle', 'angle_field': 'phi'}, "^angle_field 'phi' must be one of"),
+    (PAIR, {'sigma_field': 'std'}, "^sigma_field 'std' must be one of the fields"),
+    (PAIR[['x', 'y', 'z']], {'points_per_second': 0.0}, 'the time field must be one of t, time'),
+    (FLAT, {'keep_organized': True}, "field 'x' must be a float, to become NaN"),
+    (SCORED, {'scores': True}, 'must be without outlier_score, outlier_detectors, '),
+    (SCORED[:0], {'scores': True}, 'must be without outlier_score, outlier_detectors, '),
+]
+
+
+@pytest.mark.parametrize(('rows', 'values', 'sentence'), REFUSALS)
+def test_refused_fields(rows: Any, values: dict[str, object], sentence: str) -> None:
+    """A field that a parameter asks for must be there, and fit; without it the cloud is read."""
+    packed = rows.astype(np.dtype([(n, rows.dtype[n]) for n in rows.dtype.names]))
+    with pytest.raises(CloudError, match=sentence):
+        decode(cloud(packed), **values)
+    assert len(decode(cloud(packed))) == rows.size
 
 
 # Lines ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('kind', ['u1', 'u2'])
-@pytest.mark.parametrize('name', LINE_NAMES)
-def test_line_names(name: str, kind: str) -> None:
-    """Each usual name is found, with the types that drivers give it."""
-    msg = cloud(table(3, t=('u4', 0), **{name: (kind, [0, 7, 255])}))
-    reader, _, warned = decoder()
-    points = reader.decode(msg)
-    assert points.line.tolist() == [0, 7, 255]
-    assert points.line.dtype == np.int64
-    assert not warned
-
-
-def test_line_parameters_override() -> None:
-    """The field or source that the parameters name is taken, though there is a ring."""
-    msg = cloud(table(6, t=('u4', 0), ring=('u2', 9), group=('u2', range(6))).reshape(2, 3))
-    assert decode(msg, line_field='group').line.tolist() == list(range(6))
-    assert decode(msg, line_source='row').line.tolist() == [0, 0, 0, 1, 1, 1]
-    assert len(set(decode(msg, line_source='message').line.tolist())) == 1
 
 
 def turns(count: int, per_turn: int) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -364,41 +301,32 @@ def test_angle_of_missing_returns() -> None:
 @pytest.mark.parametrize('order', ['<', '>'])
 @pytest.mark.parametrize('kind', ['f4', 'f8'])
 def test_missing_returns(kind: str, order: str) -> None:
-    """NaN and Inf in any coordinate and 0 0 0 are missing returns; 0 in one or two are points."""
+    """NaN (signalling, too) and Inf in any coordinate and 0 0 0 are missing returns."""
     nan, inf = np.nan, np.inf
-    missing: list[tuple[float, float, float]] = [
-        (nan, 1, 1),
-        (1, nan, 1),
-        (1, 1, nan),
-        (inf, 1, 1),
-        (1, -inf, 1),
-        (0, -0.0, 0),
-    ]
-    points: list[tuple[float, float, float]] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
+    missing = [(nan, 1, 1), (1, nan, 1), (1, 1, nan), (inf, 1, 1), (1, -inf, 1), (0, -0.0, 0)]
+    points = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
     rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
     for i, point in enumerate(missing + points):
         for name, value in zip('xyz', point, strict=True):
             rows[name][i] = value
+    bits, signalling = {'f4': ('u4', 0x7FA00001), 'f8': ('u8', 0x7FF4000000000001)}[kind]
+    rows['x'].view(order + bits)[0] = signalling
     read = decode(cloud(rows))
     assert read.valid.tolist() == [False] * 6 + [True] * 4
     np.testing.assert_array_equal(read.xyz[6:], np.array(points, kind).astype(float))
 
 
-@pytest.mark.parametrize('kind', ['f4', 'f8'])
-def test_signalling_nan(kind: str) -> None:
-    """A NaN that signals is a NaN like any other, in any field: nothing is warned of."""
-    bits, signalling = {'f4': ('u4', 0x7FA00001), 'f8': ('u8', 0x7FF4000000000001)}[kind]
-    rows = np.ones(3, [(name, kind) for name in ('x', 'y', 'z', 'time', 'std', 'phi')])
-    values = {'sigma_field': 'std', 'angle_field': 'phi', 'line_source': 'angle'}
-    for name in rows.dtype.names or ():
-        rows[name].view(bits)[1] = signalling
-    assert decode(cloud(rows), **values).valid.tolist() == [True, False, True]
-    rows['x'] = rows['y'] = rows['z'] = 1
-    with pytest.raises(CloudError, match='the time of a point must be finite'):
-        decode(cloud(rows), **values)
-    rows['time'] = 1
-    with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got nan"):
-        decode(cloud(rows), **values)
+@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, np.inf, np.nan])
+def test_sigma(wrong: float) -> None:
+    """A standard deviation comes along or is refused; that of a missing return is not read."""
+    rows = table(4, t=('u4', 0), std=('f8', [1e-9, 1e9, 1, wrong]))
+    with pytest.raises(CloudError, match=r"^field 'std' must be from 1e-09 to 1e\+09 m, got "):
+        decode(cloud(rows), sigma_field='std')
+    rows['x'][3] = 0
+    sigma = decode(cloud(rows), sigma_field='std').sigma
+    assert sigma is not None
+    np.testing.assert_array_equal(sigma, rows['std'])
+    assert decode(cloud(rows)).sigma is None
 
 
 @pytest.mark.parametrize('kind', ['f4', 'f8'])
@@ -419,31 +347,6 @@ def test_absurd_coordinates(axis: str, kind: str) -> None:
             reader.decode(cloud(rows))
     rows['xyz'['xyz'.index(axis) - 1]][1] = np.nan
     assert reader.decode(cloud(rows)).valid.tolist() == [True, False, True]
-
-
-@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, 1e170, np.inf, np.nan])
-def test_absurd_sigma(wrong: float) -> None:
-    """What no standard deviation can be is refused; that of a missing return is not looked at."""
-    rows = table(4, t=('u4', 0), std=('f8', [1e-9, 1e9, 1, wrong]))
-    with pytest.raises(CloudError, match=r"^field 'std' must be from 1e-09 to 1e\+09 m, got "):
-        decode(cloud(rows), sigma_field='std')
-    rows['x'][3] = 0
-    assert decode(cloud(rows), sigma_field='std').valid.sum() == 3
-
-
-def test_ten_seconds_are_relative() -> None:
-    """Times up to exactly ten seconds count from the stamp, and no later ones."""
-    for last, start in ((10.0, STAMP), (np.nextafter(10.0, 11.0), 0)):
-        rows = table(2, time=('f8', [0.0, last]))
-        read = decode(cloud(rows), time_unit='s')
-        assert read.t.tolist() == [start, start + 10 * SECOND]
-
-
-def test_whole_coordinates() -> None:
-    """Coordinates may be of any type."""
-    rows = np.ones(2, [('x', 'i2'), ('y', 'u1'), ('z', 'f8'), ('t', 'u4')])
-    rows['x'] = [-300, 4]
-    assert decode(cloud(rows)).xyz.tolist() == [[-300, 1, 1], [4, 1, 1]]
 
 
 @pytest.mark.parametrize('kind', ['f4', 'f8'])
@@ -474,33 +377,6 @@ def test_refused_cloud_decides_no_convention(bad: float) -> None:
     assert len(informed) == len(warned) == 1
 
 
-def test_invalid_points_decide_nothing() -> None:
-    """A cloud of missing returns is read, but what a time means is found out from points."""
-    reader, informed, warned = decoder()
-    rows = table(3, timestamp=('f8', 0), ring=('u1', [1, 2, 3]))
-    rows['x'] = np.nan
-    points = reader.decode(cloud(rows))
-    assert not points.valid.any()
-    assert not informed
-    rows['x'], rows['timestamp'] = 1, EPOCH
-    rows['timestamp'][2], rows['x'][2] = 1e300, np.inf
-    points = reader.decode(cloud(rows))
-    assert points.t.tolist() == [1_700_000_000 * SECOND] * 2 + [0]
-    assert len(informed) == 1
-    assert not warned
-
-
-def test_sigma_field() -> None:
-    """A point's own standard deviation comes along."""
-    name = {'sigma_field': 'std'}
-    rows = table(3, t=('u4', 0), std=('f4', [0.25, 0, 0.5]))
-    rows['x'][1] = 0
-    sigma = decode(cloud(rows), **name).sigma
-    assert sigma is not None
-    assert sigma.tolist() == [0.25, 0, 0.5]
-    assert decode(cloud(rows)).sigma is None
-
-
 @pytest.mark.parametrize('shape', [(0,), (0, 4), (4, 0)])
 def test_empty_cloud(shape: tuple[int, ...]) -> None:
     """A cloud without points has none, and decides nothing; it need not even have fields."""
@@ -514,30 +390,6 @@ def test_empty_cloud(shape: tuple[int, ...]) -> None:
         assert points.xyz.shape == (0, 3)
     assert not informed
     assert not warned
-
-
-@pytest.mark.parametrize(
-    'rows',
-    [
-        table(3, outlier_score=('f4', 0)),
-        table(3, outlier_detectors=('u2', 0)),
-        table(3, outlier_detector_number=('u1', 0)),
-    ],
-)
-@pytest.mark.parametrize('count', [0, 3])
-def test_scores_are_not_overwritten(rows: Any, count: int) -> None:
-    """A cloud that has scores already is refused where they are to be added, without points too."""
-    with pytest.raises(CloudError, match='must be without outlier_score, outlier_detectors, '):
-        decode(cloud(rows[:count]), scores=True)
-    assert len(decode(cloud(rows[:count]))) == count
-
-
-def test_holes_need_floats() -> None:
-    """An organised cloud of whole coordinates cannot have NaN where points are taken out."""
-    rows = np.ones((2, 3), [('x', 'i2'), ('y', 'f4'), ('z', 'f4')])
-    with pytest.raises(CloudError, match="field 'x' must be a float, to become NaN"):
-        decode(cloud(rows), keep_organized=True)
-    assert len(decode(cloud(rows.reshape(-1)), keep_organized=True)) == 6
 
 
 @pytest.mark.parametrize('kind', [lambda msg: msg, to_rosbags], ids=['ros', 'rosbags'])
