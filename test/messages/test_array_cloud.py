@@ -172,7 +172,7 @@ def test_pass_by() -> None:
 
 
 AXES: list[Any] = [('x', 'f4'), ('y', 'f4'), ('z', 'f4')]
-REFUSALS: list[tuple[Any, int | None, str]] = [
+REFUSALS: list[tuple[Any, float | None, str]] = [
     (np.zeros((5, 3)), None, 'a cloud must be a structured array .* got an array of float64'),
     ([1, 2, 3], None, 'or a PointCloud2, got list'),
     (SimpleNamespace(header=None, data=b''), None, 'or a PointCloud2, got SimpleNamespace'),

@@ -201,11 +201,12 @@ def test_missing_fields(height: int, columns: dict[str, Any], warnings: list[lis
 def test_lines_by_parameter() -> None:
     """The field or source that the parameters name is taken, without a warning."""
     rows = table(6, t=('u4', 0), ring=('u2', 9), group=('u2', range(6))).reshape(2, 3)
-    for values, lines in (
+    asked: list[tuple[dict[str, object], list[int]]] = [
         ({'line_field': 'group'}, [0, 1, 2, 3, 4, 5]),
         ({'line_source': 'row'}, [0, 0, 0, 1, 1, 1]),
         ({'line_source': 'message'}, [1] * 6),
-    ):
+    ]
+    for values, lines in asked:
         reader, _, warned = decoder(values)
         assert reader.decode(cloud(rows)).line.tolist() == lines
         assert not warned
@@ -303,8 +304,15 @@ def test_angle_of_missing_returns() -> None:
 def test_missing_returns(kind: str, order: str) -> None:
     """NaN (signalling, too) and Inf in any coordinate and 0 0 0 are missing returns."""
     nan, inf = np.nan, np.inf
-    missing = [(nan, 1, 1), (1, nan, 1), (1, 1, nan), (inf, 1, 1), (1, -inf, 1), (0, -0.0, 0)]
-    points = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
+    missing: list[Any] = [
+        (nan, 1, 1),
+        (1, nan, 1),
+        (1, 1, nan),
+        (inf, 1, 1),
+        (1, -inf, 1),
+        (0, -0.0, 0),
+    ]
+    points: list[Any] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
     rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
     for i, point in enumerate(missing + points):
         for name, value in zip('xyz', point, strict=True):
