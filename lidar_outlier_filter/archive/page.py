@@ -16,27 +16,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from lidar_outlier_filter.archive.columns import REJECTED, length, on_page
-from lidar_outlier_filter.archive.oddness import (
+from lidar_outlier_filter.archive.publish import tidy, workshop
+from lidar_outlier_filter.archive.rows import (
     LIMIT,
     MIN_COMPARED,
     MIN_OF_CLOUDS,
     MIN_OF_POINTS,
+    REJECTED,
     SIGMA,
     compare,
+    length,
+    on_page,
     percent,
     share,
     signed,
 )
-from lidar_outlier_filter.archive.publish import tidy, workshop
 from lidar_outlier_filter.archive.storage import exists, read_all, write
 from lidar_outlier_filter.errors import FilterError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.columns import Column
-    from lidar_outlier_filter.archive.oddness import ArchiveRow
+    from lidar_outlier_filter.archive.rows import ArchiveRow, Column
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 

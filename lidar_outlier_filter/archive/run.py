@@ -119,37 +119,32 @@ class Progress:
 
     Attributes
     ----------
-    total, bytes_total : tasks, and bytes of their inputs
-    number, bytes_finished : tasks that are finished, and bytes of their inputs
-    last : the task that reported or finished last
+    number, total : tasks that are finished, and all
+    last : the source of the task that reported or finished last
 
     """
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         """Take the tasks of a run."""
-        self._sizes = {task: task.location.size for task in tasks}
-        self._running: dict[Task, float] = {}
-        self.total, self.bytes_total = len(self._sizes), sum(self._sizes.values())
-        self.number = self.bytes_finished = 0
+        self._shares = dict.fromkeys(tasks, 0.0)
+        self.number, self.total = 0, len(self._shares)
         self.last = ''
 
     def report(self, task: Task, share: float) -> None:
         """Note which share of a task is done."""
-        self._running[task] = share
+        self._shares[task] = share
         self.last = task.source
 
     def finish(self, task: Task) -> None:
         """Note that a task is finished."""
-        self._running.pop(task, None)
+        self.report(task, 1.0)
         self.number += 1
-        self.bytes_finished += self._sizes[task]
-        self.last = task.source
 
-    @property
-    def bytes_done(self) -> float:
-        """Bytes of inputs, those of running tasks by their shares."""
-        running = self._running.copy().items()
-        return self.bytes_finished + sum(share * self._sizes[task] for task, share in running)
+    def bytes_done(self) -> tuple[int, int]:
+        """Return how many bytes of the inputs are done, and all."""
+        sizes = [task.location.size for task in self._shares]
+        done = sum(share * size for share, size in zip(self._shares.values(), sizes, strict=True))
+        return round(done), sum(sizes)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli.tables import show_replayed, status
 from lidar_outlier_filter.cli.terminal import (
-    LINE_PERIOD,
     beside,
+    progress_bar,
     read_parameters,
     say,
     saying_how_far,
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
 MIN_SHARED_BYTES = 300_000_000  # less is done before several processes have started
 MEGABYTE = 1_000_000
-MINUTE, HOUR = 60, 3600
 
 
 def add_worker_options(parser: argparse.ArgumentParser) -> None:
@@ -275,55 +273,12 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
 
 
 @contextmanager
-def _progress(name: str) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar in a terminal, and elsewhere a line each ``LINE_PERIOD``."""
-    from rich.console import Console
-    from rich.progress import Progress as Bars
-
-    console, began = Console(stderr=True), monotonic()
-    due = began + LINE_PERIOD
-
-    def text(progress: Progress) -> str:
-        current = progress.last.rpartition('/')[2]
-        shown = (
-            f'{name}: {progress.number} of {progress.total}{_rate(progress, monotonic() - began)}'
+def _progress(name: str) -> Iterator[Callable[[Progress], object]]:
+    """Show a bar, as :func:`progress_bar`, of the bytes of the inputs."""
+    with progress_bar(name, lines=True) as show:
+        yield lambda progress: show(
+            *progress.bytes_done(), f'{progress.number} of {progress.total}, {progress.last}'
         )
-        return f'{shown}; {current}' if current else shown
-
-    def show_line(progress: Progress) -> None:
-        nonlocal due
-        if monotonic() >= due:
-            due = monotonic() + LINE_PERIOD
-            say(text(progress))
-
-    if not console.is_terminal:
-        yield show_line
-        return
-    with Bars(console=console, transient=True) as bars:
-        bar = bars.add_task(name, total=None)
-
-        def show_bar(progress: Progress) -> None:
-            done, total = progress.bytes_done, progress.bytes_total
-            bars.update(bar, completed=done, total=total, description=text(progress))
-
-        yield show_bar
-
-
-def _rate(progress: Progress, elapsed: float) -> str:
-    """Say how many bytes are done per second, and how long the rest will take."""
-    if not progress.bytes_done or elapsed <= 0:
-        return ''
-    rate = progress.bytes_done / elapsed
-    left = round((progress.bytes_total - progress.bytes_done) / rate)
-    return f'; {rate / 1e6:.1f} MB/s, {duration(left)} left'
-
-
-def duration(seconds: int) -> str:
-    """Write a time: 42 s, 3 min, 2 h 5 min."""
-    if seconds < MINUTE:
-        return f'{seconds} s'
-    hours, minutes = divmod(round(seconds / MINUTE), MINUTE)
-    return f'{hours} h {minutes} min' if hours else f'{minutes} min'
 
 
 def _once() -> Callable[[str], object]:

@@ -125,8 +125,7 @@ def table_of_all(
     """
     from rich import box
 
-    from lidar_outlier_filter.archive.columns import in_terminal
-    from lidar_outlier_filter.archive.oddness import ArchiveRow
+    from lidar_outlier_filter.archive.rows import ArchiveRow, in_terminal
 
     pairs = list(zip(tasks, records, strict=True))
     if len(pairs) > MAX_ROWS:

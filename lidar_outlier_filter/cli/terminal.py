@@ -150,14 +150,14 @@ def saying_how_far(how_far: Callable[[], str]) -> Iterator[None]:
 
 
 def progress_lines(text: str) -> Advance:
-    """Write a line to stderr at the first step, and then at most one in ``LINE_PERIOD``."""
-    due = 0.0
+    """Write a line to stderr at most once in ``LINE_PERIOD``."""
+    due = monotonic() + LINE_PERIOD
 
     def advance(done: int, total: int, what: str = '') -> None:
         nonlocal due
         if monotonic() >= due:
             due = monotonic() + LINE_PERIOD
-            say(f'{text}: {what}, {done} of {total}')
+            say(f'{text}: {what}, {done / max(total, 1):.0%}')
 
     return advance
 

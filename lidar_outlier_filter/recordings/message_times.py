@@ -1,98 +1,80 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The times of messages, however many: their rate, gaps and jumps, in little memory."""
+"""The times of the messages of a topic: their rate, gaps and jumps."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from itertools import pairwise
+from array import array
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from lidar_outlier_filter.core.points.points import SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-GAP = 2.0  # usual distances of two messages, from which on some are missing between them
-_BINS = 1400  # of the distances, for each factor of 2: twice a distance is so many bins on
+    from lidar_outlier_filter.annotations import Ints
+
+LATEST = 2**63 - 1  # ns
+GAP = 2.0  # median distances: messages are missing in a longer one
 
 
 class MessageTimes:
-    """The times of the messages of a topic, ns, as they come.
+    """The times of the messages of a topic, ns, in the order in which they were recorded."""
 
-    Attributes
-    ----------
-    count : messages so far
-    jumps : times that lie before the one before
-    longest : the longest distance of two messages, ns
-
-    """
-
-    def __init__(self) -> None:
-        """Begin without a message."""
-        self.count = self.jumps = self.longest = 0
-        self._last = 0
-        self._distances: Counter[int] = Counter()  # by the number of the bin; -1: none at all
+    def __init__(self, times: Iterable[int] = ()) -> None:
+        """Take times; more may be added."""
+        self._times = array('q', times)
 
     def add(self, time: int) -> None:
         """Count a message."""
-        if self.count:
-            distance = time - self._last
-            self.jumps += distance < 0
-            self.longest = max(self.longest, distance)
-            self._distances[_bin(distance)] += 1
-        self._last = time
-        self.count += 1
+        self._times.append(min(time, LATEST))
+
+    @property
+    def count(self) -> int:
+        """Count the messages."""
+        return len(self._times)
+
+    @property
+    def jumps(self) -> int:
+        """Count the times that are earlier than the one before."""
+        return int(np.count_nonzero(self._distances() < 0))
+
+    @property
+    def longest(self) -> int:
+        """The longest distance of two messages, ns."""
+        return int(self._distances().max(initial=0))
 
     @property
     def usual(self) -> float:
-        """The median distance of two messages, s, to 0.03 %; nan of less than two."""
-        number = self._usual_bin()
-        if number is None:
+        """The median distance of two messages, s; nan of less than two."""
+        distances = self._distances()
+        middle = (len(distances) - 1) // 2
+        if middle < 0:
             return math.nan
-        return 2 ** (number / _BINS) / SECOND if number >= 0 else 0.0
+        return max(0, int(np.partition(distances, middle)[middle])) / SECOND
 
     @property
     def rate(self) -> float:
-        """How many messages come in a second, usually; nan where they come at once."""
+        """The usual number of messages per second; nan if they come at once."""
         usual = self.usual
         return 1 / usual if usual > 0 else math.nan
 
     @property
     def gaps(self) -> int:
-        """Count the distances that are longer than ``GAP`` usual ones."""
-        longest = self._longest_bin()
-        return sum(count for number, count in self._distances.items() if number > longest)
+        """Count the gaps."""
+        return len(self.gaps_found())
 
-    def gaps_in(self, times: Sequence[int]) -> list[tuple[int, int]]:
-        """Return the gaps of times that were counted: that of the last before, and how long, ns."""
-        longest = self._longest_bin()
-        apart = ((before, after - before) for before, after in pairwise(times))
-        return [(before, distance) for before, distance in apart if _bin(distance) > longest]
+    def gaps_found(self) -> list[tuple[int, int]]:
+        """List the time before each gap, and its length, ns."""
+        usual, distances = self.usual, self._distances()
+        if not usual > 0:
+            return []
+        found = np.flatnonzero(distances > GAP * usual * SECOND)
+        return [(self._times[i], int(distances[i])) for i in found]
 
-    def _usual_bin(self) -> int | None:
-        """Return the bin of the median distance; None of less than two messages."""
-        left = (self._distances.total() + 1) // 2
-        for number, count in sorted(self._distances.items()):
-            left -= count
-            if left <= 0:
-                return number
-        return None
-
-    def _longest_bin(self) -> float:
-        """Return the last bin of no gap; there is none where messages come at once."""
-        usual = self._usual_bin()
-        return math.inf if usual is None or usual < 0 else usual + _BINS * math.log2(GAP)
-
-
-def _bin(distance: int) -> int:
-    return round(_BINS * math.log2(distance)) if distance > 0 else -1
-
-
-def count_times(times: Iterable[int]) -> MessageTimes:
-    """Count the times of a topic's messages, ns, in their order."""
-    found = MessageTimes()
-    for time in times:
-        found.add(time)
-    return found
+    def _distances(self) -> Ints:
+        times: Ints = np.array(self._times, np.int64)
+        return times[1:] - times[:-1]

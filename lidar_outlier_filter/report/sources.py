@@ -19,7 +19,7 @@ from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.recordings.message_times import count_times
+from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 if TYPE_CHECKING:
@@ -121,10 +121,10 @@ class SourceFacts:
         The time is NaN of less than two clouds. Gaps are in seconds after the first cloud; the
         longest come first.
         """
-        counted = count_times(self.times)
+        counted = MessageTimes(self.times)
         gaps = [
             ((time - self.times[0]) / SECOND, distance / SECOND)
-            for time, distance in counted.gaps_in(self.times)
+            for time, distance in counted.gaps_found()
         ]
         return counted.usual, sorted(gaps, key=lambda gap: -gap[1])[:MAX_GAPS]
 

@@ -12,7 +12,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.archives import SET, content, hidden, records, replaying, tree, write_drives
@@ -27,7 +26,6 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag
-from lidar_outlier_filter.recordings.message_times import count_times
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -367,20 +365,6 @@ def test_the_table(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     assert run_on() == 3
     printed = capsys.readouterr().out
     assert '2 more are on the page' in printed
-
-
-def test_gaps() -> None:
-    """A cloud is missing where a distance is longer than twice the median of all distances."""
-    for distances, gaps in (
-        ([10] * 9 + [20], 0),
-        ([10] * 9 + [21], 1),
-        ([21] + [10] * 5 + [1000] * 3 + [10] * 5, 4),
-        ([0, 0, 0, 1], 0),  # they come at once
-        ([10], 0),
-        ([], 0),
-    ):
-        assert count_times(np.cumsum([0, *distances]).tolist()).gaps == gaps
-    assert count_times([]).gaps == 0
 
 
 def test_a_run_ends_what_a_killed_one_named() -> None:

@@ -15,9 +15,8 @@ from helpers.browsers import new_tab
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidar_outlier_filter.archive.columns import length
-from lidar_outlier_filter.archive.oddness import compare, robust_z
 from lidar_outlier_filter.archive.page import MAX_BARS, page, size, write_page
+from lidar_outlier_filter.archive.rows import compare, length, robust_z
 
 if TYPE_CHECKING:
     from pathlib import Path
