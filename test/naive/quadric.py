@@ -4,7 +4,7 @@
 
 Nothing of the package is imported here, so that no mistake can be shared. Equation numbers are
 those of Leslar, Wang and Hu, "A comparison of two new methods of outlier detection for mobile
-terrestrial lidar data" (2010), section 2.2. Points are (3,) arrays, variances (3, 3).
+terrestrial lidar data" (2010), section 2.2. Points are (3,) arrays.
 """
 
 from collections.abc import Sequence
@@ -113,7 +113,7 @@ def heights(plane: Plane, points: Floats) -> Floats:
 
 def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
     """Residuals, variances and levers under a plane: height and two tilts, uncorrelated."""
-    normal, middle, long = plane.axes
+    _, middle, long = plane.axes
     lever = [
         1 / plane.weight
         + (middle @ (p - plane.mean)) ** 2 / plane.moments[1]
@@ -124,7 +124,7 @@ def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
         PLANE,
         [],
         heights(plane, points),
-        np.array([normal @ d @ normal for d in variance]),
+        variance,
         np.ones(len(points)),
         np.array(lever),
         np.zeros(10),
@@ -140,13 +140,13 @@ class Frame:
         turn = plane.axes[::-1]
         self.root = sqrt(2)
         self.points = np.array([turn @ (p - plane.mean) for p in points])
-        self.variance = [turn @ d @ turn.T for d in variance]
+        self.variance = variance
         self.rows = np.array([row(p, self.root) for p in self.points])
 
     def spread(self, a: Floats, kept: Members) -> tuple[Floats, Floats]:
         """Slopes, and variances (30), which are held at a hundredth of their mean."""
         steep = [gradient(a, p, self.root) for p in self.points]
-        sigma2 = np.array([g @ d @ g for g, d in zip(steep, self.variance, strict=True)])
+        sigma2 = np.array([d * (g @ g) for g, d in zip(steep, self.variance, strict=True)])
         least = LEAST_VARIANCE * np.mean(sigma2[kept])
         return np.array([sqrt(g @ g) for g in steep]), np.maximum(sigma2, least)
 
@@ -285,9 +285,7 @@ class Window:
         self.scale = sqrt(sum(p @ p for p in self.points) / len(points))
         if self.scale > 0:
             self.points /= self.scale
-        units = np.array([np.eye(3) for _ in points])
-        self.weighted = variance is not None
-        self.variance = units if variance is None else variance
+        self.variance = np.ones(len(points)) if variance is None else variance
         self.rules = rules
         self.frame: Frame | None = None
 
@@ -425,20 +423,12 @@ class Window:
         if size != PLANE:
             assert self.frame is not None
             return self.frame.adjust(a, kept, size)
-        weights, fit = np.ones(len(kept)), None
-        normal = np.zeros(3)
-        for _ in range(ADJUSTMENTS):
-            plane = fit_plane(self.points[kept], weights)
-            if not is_plane(plane, floor):
-                return None
-            fit = measure_plane(plane, self.points, self.variance)
-            fit.kept = kept
-            self.frame = Frame(plane, self.points, self.variance)
-            weights = 1 / fit.sigma2[kept]
-            turned = plane.axes[0] if plane.axes[0] @ normal > 0 else -plane.axes[0]
-            if max(abs(turned - normal)) < CONVERGED:
-                break
-            normal = turned
+        plane = fit_plane(self.points[kept], 1 / self.variance[kept])
+        if not is_plane(plane, floor):
+            return None
+        fit = measure_plane(plane, self.points, self.variance)
+        fit.kept = kept
+        self.frame = Frame(plane, self.points, self.variance)
         return fit
 
     def bend(self, plane: Fit) -> tuple[Members, Floats] | None:
@@ -475,12 +465,10 @@ class Window:
 
 
 def judge(points: Any, rules: Rules, variance: Any = None) -> list[float]:
-    """Score the points (n, 3) of one window, whose variances are (n,), (n, 3, 3) or None."""
+    """Score the points (n, 3) of one window, whose variances are (n,) or None."""
     places = np.asarray(points, float)
     if len(places) < rules.fewest:
         return [nan] * len(places)
-    if variance is not None:
-        variance = np.array([d * np.eye(3) if np.ndim(d) == 0 else d for d in variance])
     return Window(places, variance, rules).judge()
 
 
@@ -531,9 +519,7 @@ def sections(
     ]
 
 
-def patches(
-    points: Any, order: Sequence[int], k: int, rules: Rules, variance: Any = None
-) -> list[float]:
+def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[float]:
     """Score points, each in the window of itself and its k nearest; these in tree order."""
     places = np.asarray(points, float)
     rank = {int(i): position for position, i in enumerate(order)}
@@ -545,6 +531,6 @@ def patches(
         )
         others = [j for j in nearest if j != i]
         window = sorted([i, *others[:k]], key=rank.__getitem__)
-        scores = judge(places[window], rules, None if variance is None else variance[window])
+        scores = judge(places[window], rules)
         result.append(scores[window.index(i)])
     return result

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import isnan, sqrt
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,14 +34,14 @@ def corners() -> Floats:
 
 def frame(points: Floats) -> Frame:
     """Give points unit variances, in the frame they are in."""
-    return Frame(LEVEL, points, np.array([np.eye(3)] * len(points)))
+    return Frame(LEVEL, points, np.ones(len(points)))
 
 
 def on_plane(points: Floats) -> Fit:
     """Fit a plane to the points, and measure it there and at (0, 0, 3 H)."""
     plane = naive.fit_plane(points, np.ones(len(points)))
     everywhere = np.vstack([points, [0, 0, 3 * H]])
-    fit = naive.measure_plane(plane, everywhere, np.array([np.eye(3)] * len(everywhere)))
+    fit = naive.measure_plane(plane, everywhere, np.ones(len(everywhere)))
     fit.kept = list(range(len(points)))
     return fit
 
@@ -76,31 +76,6 @@ def test_statistic() -> None:
     assert_allclose(robust, [*np.ones(8) / t.isf(0.025, 4), outside / t.isf(0.025, 5)])
 
 
-def test_statistic_of_one_among_many() -> None:
-    """Taking the point's own part out is fitting without the point, exactly."""
-    points = np.vstack([corners(), [0.3, -0.2, 5 * H]])
-    fit = on_plane(points)
-    inside = naive.scores_of(fit, Rules(0.05, 0), Growth(0))
-    fit.residual, fit.lever = fit.residual.copy(), fit.lever.copy()
-    normal = naive.fit_plane(points, np.ones(9)).axes[0]
-    design = np.column_stack([np.ones(8), points[:8, :2]])
-    others = np.linalg.lstsq(design, points[:8, 2], rcond=None)
-    at = np.array([1, 0.3, -0.2])
-    lever = at @ np.linalg.inv(design.T @ design) @ at
-    # By heights rather than distances; the plane leans by 0.01 only.
-    statistic = (5 * H - at @ others[0]) / sqrt(others[1][0] / 5 * (1 + lever))
-    assert abs(normal[2]) > 0.999
-    assert inside is not None
-    assert_allclose(inside[8], statistic / t.isf(0.025, 5), rtol=0.01)
-
-
-def test_floor() -> None:
-    """A standard deviation of at least 2 H halves T."""
-    scores = naive.scores_of(on_plane(corners()), Rules(0.05), Growth(2 * H))
-    assert scores is not None
-    assert_allclose(scores[:8], 0.5 / t.isf(0.025, 4))
-
-
 @pytest.mark.parametrize(
     ('noise', 'held'), [(H, H * sqrt(8 / 5)), (H / 2, 0.75 * H), (2 * H, 2 * H)]
 )
@@ -120,11 +95,6 @@ def test_step() -> None:
     assert_allclose(solution.change, [-2 * H, 0, 0, 0], atol=1e-15)
     assert_allclose(solution.cofactor, np.diag([1 / 8, 1 / 8, 1 / 8, 0]), atol=1e-15)
     assert_allclose([solution.before, solution.after], [8 * (H**2 + 4 * H**2), 8 * H**2])
-
-
-def test_step_that_is_ambiguous() -> None:
-    """Corners of a square have x² = y² = 1: there is no saying them apart."""
-    assert frame(corners()).step(np.eye(10)[3], np.ones(8), 7) is None
 
 
 def test_paraboloid() -> None:
@@ -155,13 +125,6 @@ def test_ball() -> None:
     slope, sigma2 = there.spread(a, kept)
     assert_allclose(abs(there.rows @ a / slope)[17], (2.2**2 - 4) / 4.4)
     assert_allclose(sigma2, slope**2)
-
-
-def test_plane_is_no_quadric() -> None:
-    """A noisy plane is far from z² = 0 as it is from z = 0, to first order: the gap is small."""
-    rng = np.random.default_rng(1)
-    points = np.column_stack([rng.uniform(-1, 1, (50, 2)), rng.normal(0, 0.02, 50)])
-    assert frame(points).algebraic(list(range(50)))[1] < 2
 
 
 def test_two_sheets_are_not_flat() -> None:
@@ -195,14 +158,6 @@ def test_judge_of_a_plane() -> None:
     assert_allclose(scores[36], 0.2 / predicted / t.isf(5e-7, 33), rtol=1e-3)
 
 
-def test_undecided() -> None:
-    """Nothing is said of too few points, of one place, of a line, and of a volume."""
-    line = [[i / 10, 0, 0] for i in range(30)]
-    volume = np.random.default_rng(2).normal(size=(60, 3))
-    for points in (line[:11], [[1, 2, 3]] * 30, line, volume):
-        assert all(isnan(score) for score in naive.judge(points, Rules()))
-
-
 def test_window() -> None:
     """The box of a core is grown by a quarter of its extent, and doubled until there are enough."""
     points = np.array([[float(i), 0, 0] for i in range(100)])
@@ -217,16 +172,3 @@ def test_window_with_a_rim_of_too_many() -> None:
     points = np.array([[-x, 0, 0] for x in away] + [[0, 0, 0]] + [[x, 0, 0] for x in away])
     window = naive.section_window(points, 48, 49, 16)
     assert window == [*range(0, 48, 2), 48, *range(49, 97, 2)]
-
-
-def test_acquittal() -> None:
-    """A core's points that fail there are acquitted by another window that explains them."""
-    rng = np.random.default_rng(3)
-    road = np.column_stack([rng.uniform(0, 0.3, (60, 2)), rng.normal(0, 0.005, 60)])
-    wall = np.column_stack([rng.normal(0, 0.005, 60), rng.uniform(0, [0.3, 1], (60, 2))])
-    foot = wall[:, 2] < 0.1
-    points = np.vstack([road, wall[foot], wall[~foot]])
-    first = 60 + int(foot.sum())
-    alone = naive.judge(points[:first], Rules())
-    assert sum(score > 1 for score in alone) >= 4
-    assert max(naive.sections(points, [(0, first), (first, 120)], 60, Rules())) <= 1

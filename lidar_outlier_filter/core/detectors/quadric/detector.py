@@ -1,6 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Quadric surfaces through the neighbourhood (Leslar, Wang and Hu 2010, section 2.2)."""
+"""Quadric surfaces through the neighbourhood (Leslar, Wang and Hu 2010, section 2.2).
+
+Windows are sections (algorithm c of the paper) or patches (algorithm b). The cores of the sections
+are the largest subtrees with at most ``section`` points; they divide the cloud. The window of a
+core is the core and a rim: the points in its box, grown on every side. Each point is tested in the
+window of its core. One that fails there is accepted if it lies on a surface of another window that
+holds it: a few points at the foot of a pole are too few beside the road, but not in the window
+above.
+"""
 
 from __future__ import annotations
 
@@ -10,25 +18,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import fdtri, stdtrit
 
-from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
-from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
+from lidar_outlier_filter.core.detectors.quadric.kernels import Window, empty_window
 from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
+from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.neighbours.tree_steps import height
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.core.neighbours.tree_build import Tree
+    from lidar_outlier_filter.core.neighbours.tree_steps import Bounds
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECTIONS = 64  # that a thread judges at once
 PATCHES = 1024
+MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
+ENOUGH = 1.5  # times the points of the core: what a window has at least
+SMALLEST = 2.0**-20  # of the largest extent of the cloud: the margin around a single place
+RIM = 3  # times the points of the largest core: the most on a rim; of more every so-manieth counts
 FREEDOMS = 1000  # degrees of freedom in the tables; beyond, quantiles do not change
 
 
@@ -48,20 +62,15 @@ def detect(
     ----------
     neighbourhood : N points
     parameters : see :class:`~.quadric.parameters.Quadric`
-    variance : (N,) or (N, 3, 3) float64, optional
-        Of each point: of any of its coordinates, or D of all three, m². Only their ratios count:
-        σ̂0 is estimated in every window. None: unit weights.
+    variance : (N,) float64, optional
+        Variance of any coordinate of each point, m², finite and positive. Only their ratios count:
+        σ̂0 is estimated in every window. None: equal weights.
 
     Returns
     -------
     (N,) float64
         In the order in which the points were given: T (31) ÷ its critical value. NaN for points in
         windows that are undecided.
-
-    Raises
-    ------
-    FilterError
-        A variance that is not finite and positive (definite).
 
     References
     ----------
@@ -86,16 +95,16 @@ def detect(
     [77]
 
     """
-    components = _components(variance, len(neighbourhood))
     score = np.full(len(neighbourhood), np.nan)
     if len(neighbourhood) < MIN_POINTS:
         return score
-    place = quadric_windows.sort_leaves(neighbourhood.xyz, neighbourhood.tree)
+    place = sort_leaves(neighbourhood.xyz, neighbourhood.tree)
     xyz, order = neighbourhood.xyz[place], neighbourhood.order[place]
+    weights = np.ones(len(score)) if variance is None else variance[order]
     if parameters.window == 'patch':
-        _patches(neighbourhood, place, parameters, xyz, components[order], score)
+        _patches(neighbourhood, place, parameters, xyz, weights, score)
     else:
-        _sections(neighbourhood, parameters, xyz, components[order], score)
+        _sections(neighbourhood, parameters, xyz, weights, score)
     result = np.empty_like(score)
     result[order] = score
     return result
@@ -105,19 +114,19 @@ def _sections(
     neighbourhood: Neighbourhood, parameters: Quadric, xyz: Floats, variance: Floats, score: Floats
 ) -> None:
     tree, section, rules = neighbourhood.tree, parameters.section, _rules(parameters)
-    levels, cores = height(tree), quadric_windows.find_cores(tree, section)
-    room = int((tree.last - tree.first)[cores].max()) + quadric_windows.RIM * section
+    levels, cores = height(tree), find_cores(tree, section)
+    room = int((tree.last - tree.first)[cores].max()) + RIM * section
 
     def work(begin: int, end: int) -> tuple[NDArray[np.int64], Floats]:
-        window = empty_window(room, variance.shape[1])
-        return quadric_windows.judge_sections(
+        window = empty_window(room)
+        return judge_sections(
             xyz, variance, tree, levels, cores[begin:end], section, rules, window, score
         )
 
     others = threads.run(work, len(cores), SECTIONS, neighbourhood.threads)
     failed = ~(score <= 1)
     for index, value in others:
-        quadric_windows.acquit(score, failed, index, value)
+        acquit(score, failed, index, value)
 
 
 def _patches(
@@ -136,10 +145,8 @@ def _patches(
     rank[place] = np.arange(len(xyz))
 
     def work(begin: int, end: int) -> None:
-        window = empty_window(nearest.shape[1] + 1, variance.shape[1])
-        quadric_windows.judge_patches(
-            xyz, variance, nearest, place, rank, begin, end, rules, window, score
-        )
+        window = empty_window(nearest.shape[1] + 1)
+        judge_patches(xyz, variance, nearest, place, rank, begin, end, rules, window, score)
 
     threads.run(work, len(xyz), PATCHES, neighbourhood.threads)
 
@@ -168,29 +175,214 @@ def tables(significance: float) -> tuple[Floats, Floats]:
     return np.append(np.inf, critical), np.append(np.inf, ratio)
 
 
-def _components(variance: Floats | None, count: int) -> Floats:
-    """Arrange variances by component: (N, 0) none, (N, 1) isotropic, (N, 6) xx xy xz yy yz zz."""
-    if variance is None:
-        return np.empty((count, 0))
-    if variance.shape not in {(count,), (count, 3, 3)}:
-        raise FilterError('the variance', f'({count},) or ({count}, 3, 3)', variance.shape)
-    if variance.ndim == 1:
-        proper = np.isfinite(variance) & (variance > 0)
-        components = variance[:, None]
-    else:
-        components = variance[:, *np.triu_indices(3)]
-        proper = _is_definite(variance)
-    if not proper.all():
-        wrong = int(np.flatnonzero(~proper)[0])
-        raise FilterError('the variance', 'finite and positive', f'that of point {wrong}')
-    return np.ascontiguousarray(components, np.float64)
+# Windows ------------------------------------------------------------------------------------------
 
 
-def _is_definite(matrix: Floats) -> NDArray[np.bool_]:
-    """Return which symmetric matrices (N, 3, 3) are positive definite, by their leading minors."""
-    symmetric = (matrix == matrix.swapaxes(1, 2)).all(axis=(1, 2))
-    finite = np.isfinite(matrix).all(axis=(1, 2)) & symmetric
-    safe = np.where(finite[:, None, None], matrix, 0.0)
-    minors = [np.linalg.det(safe[:, :k, :k]) > 0 for k in (1, 2, 3)]
-    definite: NDArray[np.bool_] = finite & np.logical_and.reduce(minors)
-    return definite
+@kernel
+def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
+    """Sort the points of every leaf by x, y and z: tree positions, in the new order.
+
+    Tree order within a leaf is that in which the points were given, which must not matter.
+    """
+    place = np.arange(len(xyz))
+    for node in range(len(tree.child)):
+        if tree.child[node] >= 0:
+            continue
+        for i in range(tree.first[node] + 1, tree.last[node]):
+            one = place[i]
+            j = i
+            while j > tree.first[node] and _is_before(xyz, one, place[j - 1]):
+                place[j] = place[j - 1]
+                j -= 1
+            place[j] = one
+    return place
+
+
+@inner_kernel
+def _is_before(xyz: Floats, one: int, other: int) -> bool:
+    for axis in range(3):
+        if xyz[one, axis] != xyz[other, axis]:
+            return bool(xyz[one, axis] < xyz[other, axis])
+    return False
+
+
+@kernel
+def find_cores(tree: Tree, most: int) -> Ints:
+    """Find the largest subtrees with at most so many points, in tree order: their nodes.
+
+    A leaf of more points, which coincide, is one too.
+    """
+    cores = np.empty(len(tree.first), np.int64)
+    count = 0
+    todo = [0]
+    while len(todo) > 0:
+        node = todo.pop()
+        if tree.last[node] - tree.first[node] <= most or tree.child[node] < 0:
+            cores[count] = node
+            count += 1
+        else:
+            todo.append(tree.child[node] + 1)
+            todo.append(tree.child[node])
+    return cores[:count]
+
+
+@kernel
+def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, stack: Ints) -> int:
+    """Find the points of a core's window, in tree order; return their number.
+
+    ``found`` has room for the core and ``RIM`` × ``section`` points, ``stack`` for a walk through
+    the tree.
+    """
+    size = tree.last[core] - tree.first[core]
+    extent, most = (tree.high[core] - tree.low[core]).max(), (tree.high[0] - tree.low[0]).max()
+    margin = MARGIN * extent if extent > 0 else SMALLEST * most
+    enough = min(len(xyz), max(section, int(ENOUGH * size)))
+    count = _visit(xyz, tree, core, margin, 1, found, stack)
+    while count < enough and margin <= most:
+        margin *= 2
+        count = _visit(xyz, tree, core, margin, 1, found, stack)
+    rim = count - size
+    if rim > RIM * section:
+        stride = -(-rim // (RIM * section))
+        count = _visit(xyz, tree, core, margin, stride, found, stack)
+    return count
+
+
+@inner_kernel
+def _visit(
+    xyz: Floats, tree: Tree, core: int, margin: float, stride: int, found: Ints, stack: Ints
+) -> int:
+    """Visit the points in the box of the core grown by a margin, faces included, in tree order.
+
+    Those of the core, and of the others every so-manieth, are put in ``found`` as long as there is
+    room; returns their number.
+    """
+    box = (
+        tree.low[core, 0] - margin,
+        tree.low[core, 1] - margin,
+        tree.low[core, 2] - margin,
+        tree.high[core, 0] + margin,
+        tree.high[core, 1] + margin,
+        tree.high[core, 2] + margin,
+    )
+    begin, end = tree.first[core], tree.last[core]
+    count = rim = 0
+    stack[0], waiting = 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if gap(tree, node, box) > 0:
+            continue
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting], stack[waiting + 1] = child + 1, child
+            waiting += 2
+            continue
+        for i in range(tree.first[node], tree.last[node]):
+            if not _is_in(xyz, i, box):
+                continue
+            if i < begin or i >= end:
+                rim += 1
+                if (rim - 1) % stride > 0:
+                    continue
+            if count < len(found):
+                found[count] = i
+            count += 1
+    return count
+
+
+@inner_kernel
+def _is_in(xyz: Floats, i: int, box: Bounds) -> bool:
+    x, y, z = xyz[i]
+    return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
+
+
+@kernel
+def judge_sections(
+    xyz: Floats,
+    variance: Floats,
+    tree: Tree,
+    levels: int,
+    cores: Ints,
+    section: int,
+    rules: Rules,
+    window: Window,
+    score: Floats,
+) -> tuple[Ints, Floats]:
+    """Judge the points of some cores, each in its window; fill their scores, in tree order.
+
+    ``levels`` is the height of the tree.
+
+    Returns
+    -------
+    index, value : (A,) int64, (A,) float64
+        The points on rims that lie on a surface, and their score in that window.
+
+    """
+    found, stack = np.empty(len(window.score), np.int64), np.empty(levels + 1, np.int64)
+    index = np.empty(len(cores) * RIM * section, np.int64)
+    value = np.empty(len(index))
+    acquitted = 0
+    for core in cores:
+        first, last = tree.first[core], tree.last[core]
+        n = find_window(xyz, tree, core, section, found, stack)
+        _fill(window, xyz, variance, found[:n])
+        judge(window, n, rules)
+        for i in range(n):
+            if first <= found[i] < last:
+                score[found[i]] = window.score[i]
+            elif window.score[i] <= 1:
+                index[acquitted] = found[i]
+                value[acquitted] = window.score[i]
+                acquitted += 1
+    return index[:acquitted].copy(), value[:acquitted].copy()
+
+
+@kernel
+def judge_patches(
+    xyz: Floats,
+    variance: Floats,
+    nearest: NDArray[np.int32],
+    place: Ints,
+    rank: Ints,
+    begin: int,
+    end: int,
+    rules: Rules,
+    window: Window,
+    score: Floats,
+) -> None:
+    """Judge points begin to end, each in the window of its nearest; fill their scores.
+
+    ``nearest`` is by tree position, all else in the order of :func:`sort_leaves`: ``place`` and
+    ``rank`` lead from that to the tree and back.
+    """
+    n = nearest.shape[1] + 1
+    found = np.empty(n, np.int64)
+    for i in range(begin, end):
+        found[0] = i
+        for k in range(n - 1):
+            found[k + 1] = rank[nearest[place[i], k]]
+        # In tree order those that follow each other lie together.
+        found.sort()
+        _fill(window, xyz, variance, found)
+        judge(window, n, rules)
+        score[i] = window.score[np.searchsorted(found, i)]
+
+
+@inner_kernel
+def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
+    """Copy points into the window."""
+    for k in range(len(found)):
+        i = found[k]
+        for axis in range(3):
+            window.xyz[axis, k] = xyz[i, axis]
+        window.variance[k] = variance[i]
+
+
+@kernel
+def acquit(score: Floats, failed: NDArray[np.bool_], index: Ints, value: Floats) -> None:
+    """Give points that failed, or were not tested, the least score of the other windows."""
+    for k in range(len(index)):
+        i = index[k]
+        if failed[i]:
+            score[i] = np.fmin(score[i], value[k])

@@ -10,8 +10,6 @@ is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.kernels import (
@@ -33,9 +31,6 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
 )
 from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
 
 ADJUSTMENTS = 10
 CONVERGED = 1e-6  # largest change of a parameter
@@ -91,29 +86,13 @@ def is_plane(window: Window, floor: float) -> bool:
 
 @inner_kernel
 def adjust_plane(window: Window, n: int, floor: float) -> bool:
-    """Fit the plane to the kept points; measure all points. False if they lie on a line.
-
-    Weights depend on the normal where D has directions: repeated until it stands.
-    """
-    normal = window.plane[:MIDDLE]
+    """Fit the plane to the kept points; measure all points. False if they lie on a line."""
     for i in range(n):
-        window.weight[i] = 1.0 if window.kept[i] else 0.0
-    before = np.zeros(3)
-    for _ in range(ADJUSTMENTS):
-        fit_plane(window, BEGIN[0], n)
-        if not is_plane(window, floor):
-            return False
-        measure_plane(window, n)
-        if window.variance.shape[1] == 0:
-            break
-        weigh(window, n)
-        change = same = 0.0
-        for axis in range(3):
-            change = max(change, abs(normal[axis] - before[axis]))
-            same = max(same, abs(normal[axis] + before[axis]))
-        if min(change, same) < CONVERGED:
-            break
-        before[:] = normal
+        window.weight[i] = 1 / window.variance[i] if window.kept[i] else 0.0
+    fit_plane(window, BEGIN[0], n)
+    if not is_plane(window, floor):
+        return False
+    measure_plane(window, n)
     return True
 
 
@@ -143,20 +122,7 @@ def measure_plane(window: Window, n: int) -> None:
         u = plane[MIDDLE] * x + plane[MIDDLE + 1] * y + plane[MIDDLE + 2] * z
         v = plane[LONG] * x + plane[LONG + 1] * y + plane[LONG + 2] * z
         window.lever[i] = level + u * u * tilt_middle + v * v * tilt_long
-        window.sigma2[i] = _variance_along(
-            window.variance[i], plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
-        )
-
-
-@inner_kernel
-def _variance_along(variance: Floats, x: float, y: float, z: float) -> float:
-    """Return A D Aᵀ (30) of one point, with A = (x, y, z)."""
-    if len(variance) == 0:
-        return x * x + y * y + z * z
-    if len(variance) == 1:
-        return float(variance[0] * (x * x + y * y + z * z))
-    squares = variance[0] * x * x + variance[3] * y * y + variance[5] * z * z
-    return float(squares + 2 * (variance[1] * x * y + variance[2] * x * z + variance[4] * y * z))
+        window.sigma2[i] = window.variance[i]
 
 
 @inner_kernel
@@ -180,21 +146,16 @@ def measure_gradient(window: Window, n: int) -> None:
     Where two sheets of a quadric meet, the gradient vanishes, and with it the variance; it is held
     at a hundredth of the mean of the kept points, or those few would decide all.
     """
-    a, plane, rows, sigma2 = window.a, window.plane, window.rows, window.sigma2
-    root = ROOT2
+    a, rows, sigma2, root = window.a, window.rows, window.sigma2, ROOT2
     total, count = 0.0, 0
     for i in range(n):
         x, y, z = rows[i, 1], rows[i, 2], rows[i, 3]
         u = a[1] + 2 * a[4] * x + root * (a[5] * y + a[7] * z)
         v = a[2] + 2 * a[6] * y + root * (a[5] * x + a[8] * z)
         w = a[3] + 2 * a[9] * z + root * (a[7] * x + a[8] * y)
-        window.slope[i] = np.sqrt(u * u + v * v + w * w)
-        sigma2[i] = _variance_along(
-            window.variance[i],
-            u * plane[LONG] + v * plane[MIDDLE] + w * plane[NORMAL],
-            u * plane[LONG + 1] + v * plane[MIDDLE + 1] + w * plane[NORMAL + 1],
-            u * plane[LONG + 2] + v * plane[MIDDLE + 2] + w * plane[NORMAL + 2],
-        )
+        squared = u * u + v * v + w * w
+        window.slope[i] = np.sqrt(squared)
+        sigma2[i] = window.variance[i] * squared
         if window.kept[i]:
             total += sigma2[i]
             count += 1

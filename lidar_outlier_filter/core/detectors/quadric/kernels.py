@@ -33,9 +33,8 @@ class Window(NamedTuple):
     ----------
     xyz : (3, M) float64
         Coordinates.
-    variance : (M, C) float64
-        Variance of each point: C = 0 for unit weights; C = 1, σ² of any coordinate; C = 6, xx, xy,
-        xz, yy, yz and zz of D.
+    variance : (M,) float64
+        Variance of any coordinate of each point; only their ratios count.
     rows : (M, 10) float64
         B (23) of each point in the frame of the plane.
     residual, sigma2, slope, lever : (M,) float64
@@ -80,11 +79,11 @@ class Window(NamedTuple):
     vectors: Floats
 
 
-def empty_window(room: int, components: int) -> Window:
-    """Make room for windows of up to so many points, with so many components of variance."""
+def empty_window(room: int) -> Window:
+    """Allocate for windows of up to ``room`` points."""
     return Window(
         np.zeros((3, room)),
-        np.zeros((room, components)),
+        np.ones(room),
         np.zeros((room, QUADRIC)),
         *np.zeros((8, room)),
         *np.zeros((3, room), np.bool_),
