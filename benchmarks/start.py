@@ -1,18 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts from an empty and from a full cache, and a change of the chain, with clouds at 10 Hz.
+"""Starts of the node with clouds at 10 Hz, and the processor seconds that each chain compiles.
 
-    python benchmarks/start.py [CHAIN [OTHER_CHAIN [NAME:=VALUE ...]]]
+    python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [NAME:=VALUE ...]
+    python benchmarks/start.py --compile [CHAIN ...]
 
-The node is a process of its own, over the real middleware. Printed are the seconds since that
-process began, or since the parameter was set, and what became of the clouds.
+The node is a process of its own, over the real middleware; it starts from an empty and then from a
+complete cache, and is set to another chain. Printed are seconds since that process began, or since
+the parameter was set, and what became of the clouds. With ``--compile`` each chain is compiled by
+a process from an empty cache, and loaded by another one.
 """
 
-# ruff: noqa: INP001  a script, no package
+# ruff: noqa: INP001, T201  a script, which prints
 
 from __future__ import annotations
 
+import argparse
 import itertools
+import os
+import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,41 +34,36 @@ from helpers.watching import Watch, fresh_copy  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 
+from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: E402
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 AFTERWARDS = 3.0  # seconds of clouds behind what was waited for
 
 
-def start(title: str, env: Mapping[str, str], arguments: list[str], other: str = '') -> None:
+def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) -> None:
     """Start the node, print when it did what, and change its chain."""
     with Watch(env, arguments) as watch:
         subscribed = watch.serve(lambda: watch.sent > 0)
         diagnosed = watch.serve(lambda: bool(watch.looks))
         filtered = watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
         watch.serve(lambda: False, AFTERWARDS)
-        print(  # noqa: T201
+        first = min(watch.answers, default=0.0)
+        print(
             f'{title}: subscribed after {subscribed - watch.began:.1f} s, diagnostics '
-            f'{diagnosed - watch.began:.1f} s, first answer '
-            f'{min(watch.answers, default=0) - watch.began:.1f} s, filtered by '
-            f'{filtered - watch.began:.1f} s (to the second)'
+            f'{diagnosed - watch.began:.1f} s, first answer {first - watch.began:.1f} s, '
+            f'filtered by {filtered - watch.began:.1f} s (to the second)'
         )
-        if other:
-            _switch(watch, other)
+        _switch(watch, other)
         found = watch.settle()
-        print(  # noqa: T201
+        print(
             f'  {watch.sent} clouds sent: {found.filtered} filtered, {found.passed} passed, '
             f'{found.count("dropped")} dropped, {found.count("refused")} refused'
         )
-        said = ''
-        for look in watch.looks:
-            if look.message != said:
-                said = look.message
-                print(f'  {look.at - watch.began:6.1f} s: {look.level} {said}')  # noqa: T201
         watch.stop()
-        print(watch.log())  # noqa: T201
+        print(watch.log())
 
 
 def _switch(watch: Watch, chain: str) -> None:
@@ -69,28 +71,50 @@ def _switch(watch: Watch, chain: str) -> None:
     client = AsyncParameterClient(watch.node, NODE_NAME)
     began = time.monotonic()
     reply = client.set_parameters([Parameter('chain', value=chain.split(','))])
-    watch.serve(reply.done)
-    replied = time.monotonic()
-    name = f'undecided by {chain}', f'rejected by {chain}'
-    taken = watch.serve(lambda: any(key in watch.looks[-1].values for key in name))
+    replied = watch.serve(reply.done)
+    names = f'undecided by {chain}', f'rejected by {chain}'
+    taken = watch.serve(lambda: any(name in watch.looks[-1].values for name in names))
     watch.serve(lambda: False, AFTERWARDS)
     times = [began, *(at for at in watch.answers if at > began)]
     longest = max(after - before for before, after in itertools.pairwise(times))
-    print(  # noqa: T201
-        f'  set to {chain}: reply after {replied - began:.1f} s '
-        f'({reply.result().results[0].reason!r}), in force by {taken - began:.1f} s (to the '
-        f'second); longest time without an answer {longest:.2f} s'
+    print(
+        f'  set to {chain}: reply after {replied - began:.1f} s, in force by '
+        f'{taken - began:.1f} s (to the second); longest time without an answer {longest:.2f} s'
     )
 
 
+def compile_each(chains: Sequence[str]) -> None:
+    """Print the processor seconds of two processes for each chain: compiling, then loading."""
+    for chain in chains:
+        with tempfile.TemporaryDirectory() as folder:
+            env = os.environ | fresh_copy(Path(folder))
+            command = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main', 'compile']
+            took = []
+            for _ in ('empty', 'complete'):
+                before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                subprocess.run([*command, '--chain', chain], env=env, check=True)  # noqa: S603  ours
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+            print(f'{chain}: {took[0]:.1f} s from an empty cache, {took[1]:.1f} s afterwards')
+
+
 def main() -> None:
-    """Measure."""
-    chain, other = (*sys.argv[1:3], *('boosted_trees', 'quadric')[len(sys.argv[1:3]) :])
-    settings = [f'chain:=[{chain}]', *sys.argv[3:]]
+    """Read the command line, and measure."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('--chain', default='boosted_trees')
+    parser.add_argument('--then', default='quadric', metavar='CHAIN')
+    parser.add_argument('--compile', action='store_true')
+    parser.add_argument('rest', nargs='*', metavar='NAME:=VALUE or CHAIN')
+    options = parser.parse_args()
+    if options.compile:
+        compile_each(options.rest or tuple(DETECTORS))
+        return
     with tempfile.TemporaryDirectory() as folder:
         env = {**environment(), **fresh_copy(Path(folder))}
-        start('empty cache', env, settings, other)
-        start('full cache', env, settings, other)
+        for cache in ('empty cache', 'complete cache'):
+            start(cache, env, [f'chain:=[{options.chain}]', *options.rest], options.then)
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from helpers import ROOT, page_sources
 from helpers.page_runs import Pages
-from helpers.page_sources import LETTERS, REPLAY
+from helpers.page_sources import REPLAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -123,20 +123,11 @@ STREET_ROWS = {
     '… near the surface': 'near surface',
     '… mixed pixels': 'mixed',
 }
-SNOW_ROWS = {
-    '**default**': 'default',
-    '3D-OutDet': '3D-OutDet',
-    'intensity, range, distance': 'rule',
-    'DROR': 'DROR',
-}
 STREET_TABLE = [
     f'| {title} | {{paper {name} exactly}} | {{smoother {name} exactly}} '
     f'| {{default {name} exactly}} |'
     for title, name in STREET_ROWS.items()
 ]
-LESLAR = 'doc/papers/leslar2010.md'
-LESLAR_TABLES = 'doc/results/papers/leslar2010.md'
-CELLS = ' | '.join(f'{{{one} {what}}}' for one in LETTERS for what in ('found', 'wrong', 'road'))
 SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'trees': (
         page_sources.trees,
@@ -171,37 +162,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
         ],
     ),
-    'real snow': (
-        page_sources.real_snow,
-        [
-            Quote(
-                'README.md',
-                'F1 and good points lost {default both}; '
-                'DROR tuned on the same labels {DROR both}. [Real snow]',
-            ),
-            Quote(ACCURACY, 'labelled by people: F1 is {default both} with both returns;'),
-            Quote(
-                'doc/chains.md', 'it was {DROR both F1} against {default both F1}. DROR had these'
-            ),
-            Quote(
-                'doc/quickstart/hesai.md',
-                'F1 of {default both F1} with both, and {default last F1} with the last alone.',
-            ),
-            *(
-                Quote('doc/real_snow.md', f'| {name} | {{{figure} both}} | {{{figure} last}} |')
-                for name, figure in SNOW_ROWS.items()
-            ),
-        ],
-    ),
-    'numpy': (
-        page_sources.numpy_cloud,
-        [
-            Quote(
-                'doc/numpy.md',
-                'Without `chain` this cloud is judged by {chain}, which rejects {count} of the',
-            )
-        ],
-    ),
     'ouster': (
         page_sources.output_of(f'{START}ouster.md', REPLAY),
         [Quote(f'{START}ouster.md', 'clouds of an OS1-128:\n\n```text\n{to the table}\n```')],
@@ -222,43 +182,9 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         page_sources.output_of(f'{START}velodyne.md', REPLAY),
         [Quote(f'{START}velodyne.md', LISTED)],
     ),
-    'robosense without times': (
-        page_sources.without_times,
-        [Quote(f'{START}robosense.md', '* **"{sentence}".** The driver was built with `XYZI`')],
-    ),
-    'velodyne shares': (
-        page_sources.shares_of(
-            {
-                'VLP-16': 'vlp16_mrpt_mcap',
-                'HDL-32E': 'hdl32_mrpt_mcap',
-                'VLP-32C': 'vlp32_nebula_db3',
-            },
-            'velodyne.yaml',
-        ),
-        [
-            Quote(
-                f'{START}velodyne.md',
-                '| VLP-16, a room | {VLP-16} |\n| HDL-32E, outdoors | {HDL-32E} |\n'
-                '| VLP-32C, a hall | {VLP-32C} |',
-            )
-        ],
-    ),
-    'hesai share': (
-        page_sources.shares_of(
-            {'XT32': 'hesai_xt32_nebula_mcap'}, 'hesai.yaml', time_field='stamp'
-        ),
-        [Quote(f'{START}hesai.md', 'XT32 in an office the default rejects {XT32} of the points')],
-    ),
     'tune': (
         page_sources.output_of('doc/evaluate.md', 'lidar-outlier-filter tune my_drive'),
         [Quote('doc/evaluate.md', 'clouds of an HDL-32E outdoors:\n\n```text\n{all}\n```')],
-    ),
-    'leslar': (
-        page_sources.leslar,
-        [
-            Quote(LESLAR_TABLES, f'\n| the default, `boosted_trees` | {CELLS} | '),
-            Quote(LESLAR, 'The default finds {a found} and loses {a wrong}, at a higher speed.'),
-        ],
     ),
     'street': (
         page_sources.street,

@@ -4,17 +4,11 @@
 
 from __future__ import annotations
 
-from contextlib import chdir
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from helpers import ROOT
-from helpers.clouds import table
-from helpers.detectors import BITS
-from helpers.page_runs import DATA, Pages, run, write_clouds
-from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.cli.terminal import REFUSED
+from helpers.page_runs import DATA, Pages
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
@@ -22,11 +16,8 @@ from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.evaluation.report import percent as exactly
-from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_lab.results.papers.counts import count
 from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER
-from lidar_outlier_lab.results.samples import simulated
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 from lidar_outlier_lab.training.held_out import CHOOSE_BY
@@ -49,20 +40,8 @@ STREET_FORMS: Mapping[str, Mapping[str, object]] = {
     'smoother': {'chain': ['alpha_beta_gamma']},
     'paper': SMOOTHER,
 }
-LESLAR_SEED, LETTERS = 101, 'abc'  # of the page of the paper, and its clouds
 SHORT = 10_000
 WEATHER_NAMES = {'light_snow': 'light snow', 'heavy_snow': 'heavy snow', 'mixed': 'mixed points'}
-
-
-def numpy_cloud(_pages: Pages) -> Figures:
-    """Judge the cloud of the page without naming a chain."""
-    xyz = np.random.default_rng(1).uniform((-20, -20, 0), (20, 20, 0.02), (5000, 3))
-    xyz[77] = 1, 2, 3
-    verdict = detect_outliers(xyz)
-    bits = int(np.bitwise_or.reduce(verdict.detectors))
-    chain = ', '.join(f'`{name}`' for name, bit in BITS.items() if bits & bit)
-    assert np.flatnonzero(verdict.outlier).tolist() == [77], 'the sentence says: the lone one'
-    return {'chain': chain, 'count': str(np.count_nonzero(verdict.outlier))}
 
 
 def output_of(page: str, command: str) -> Source:
@@ -77,34 +56,6 @@ def output_of(page: str, command: str) -> Source:
             'to the table': (said + '┏' + table).partition('\nwritten to ')[0],
             'above the table': said.rstrip(),
         }
-
-    return source
-
-
-def without_times(pages: Pages) -> Figures:
-    """Replay clouds of a driver that was built without ring and time."""
-    folder = pages.new('xyzi')
-    rows = table(400, intensity=('f4', np.ones(400)))
-    write_clouds(folder / 'my_recording', '/rslidar_points', [rows])
-    with chdir(folder):
-        (folder / 'config').symlink_to(ROOT / 'config')
-        status, output = run(f'{REPLAY} my_recording --params config/robosense.yaml')
-    assert status == REFUSED
-    return {'sentence': output.partition(' for: /rslidar_points: ')[2].partition(' (')[0]}
-
-
-def shares_of(recordings: Mapping[str, str], parameters: str, **more: object) -> Source:
-    """Measure what the default rejects of recordings, of the points that are there."""
-
-    def source(pages: Pages) -> Figures:
-        values = read_yaml(ROOT / 'config' / parameters) | more
-        figures: dict[str, str] = {}
-        for name, recording in recordings.items():
-            report = replay(DATA / 'bags' / recording, pages.new(name) / 'out', parameters=values)
-            points = sum(topic.points - topic.invalid for topic in report.topics)
-            rejected = sum(topic.rejected for topic in report.topics)
-            figures[name] = percent(rejected / points)
-        return figures
 
     return source
 
@@ -155,18 +106,6 @@ def snow(pages: Pages) -> Figures:
     figures |= {'share': exactly(whole.outliers / whole.total)}
     figures |= {'lost exactly': counted(Share(whole.lost, whole.total - whole.outliers))}
     return {**figures, **_exactly(whole)}
-
-
-def leslar(_pages: Pages) -> Figures:
-    """Judge the clouds of the paper by the default, as its page does."""
-    figures: dict[str, str] = {}
-    for letter in LETTERS:
-        (sample,) = simulated(f'leslar-{letter}', LESLAR_SEED)
-        found = count(sample, {})
-        figures[f'{letter} found'] = exactly(found.whole.recall.ratio)
-        figures[f'{letter} wrong'] = exactly(found.whole.alpha_error.ratio)
-        figures[f'{letter} road'] = exactly(found.road)
-    return figures
 
 
 def trees(_pages: Pages) -> Figures:
@@ -224,25 +163,6 @@ def _shipped() -> dict[str, float]:
             points += len(sweep)
         shares[sensor] = rejected / points
     return shares
-
-
-def real_snow(_pages: Pages) -> Figures:
-    """Read the page of real snow, which a command wrote: F1, and good points lost."""
-    page = (ROOT / 'doc' / 'results' / 'real_snow.md').read_text('utf-8')
-    _, _, table = page.partition('## In short')
-    figures: dict[str, str] = {}
-    rows = {
-        '**default**': 'default',
-        '3D-OutDet': '3D-OutDet',
-        'intensity, range, distance': 'rule',
-        'DROR': 'DROR',
-    }
-    for written, name in rows.items():
-        row = next(line for line in table.splitlines() if line.startswith(f'| {written} |'))
-        cells = [cell.strip() for cell in row.strip('|').split('|')]
-        for form, cell in (('both', cells[1]), ('last', cells[3])):
-            figures |= {f'{name} {form}': cell, f'{name} {form} F1': cell.partition(' ')[0]}
-    return figures
 
 
 def percent(share: float) -> str:
