@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.report.gather import Gathered
 
-# A program of its own, which turns compilation off where it is imported.
-collect_ignore = ['helpers/covering.py']
-
 # No example is late: the machine may be busy.
 hypothesis.settings.register_profile('house', hypothesis.settings(), deadline=None)
 hypothesis.settings.load_profile('house')

@@ -53,7 +53,6 @@ NOT_RUN: Mapping[str, str] = {
     'pip install ': 'needs the network',
     '~/recordings/bin/': 'needs the network',
     '~/lidar/bin/': 'needs the network',
-    'mkdir ': 'makes the folder of a command that is not run',
     'scripts/': 'runs everything, or for hours; test_scripts.py runs the scripts',
     'lidar-outlier-filter clean street.csv --chain lonely': 'test_installed.py runs the like',
     'lidar-outlier-filter replay s3://': 'needs a store and a cluster',

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers import ROOT
 
-import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.filter import describe
 
@@ -77,23 +76,6 @@ def test_every_detector_is_shown(pages: Path) -> None:
     for name, detector in DETECTORS.items():
         plain = detector.rejects.partition('`')[0].strip()
         assert f'{name} {detector.bit} {plain}' in text
-
-
-@pytest.mark.slow
-def test_the_library_is_shown(pages: Path) -> None:
-    """Every name that the package offers is described, with where it is imported from."""
-    text = (pages / 'api.html').read_text(encoding='utf-8')
-    for name in set(lidar_outlier_filter.__all__) - {'__version__'}:
-        assert re.search(f'id="lidar_outlier_filter(.errors)?.{name}"', text), name
-
-
-@pytest.mark.slow
-def test_nothing_is_left_to_insert(pages: Path) -> None:
-    """Contributing and the changelog are taken in, and no page has kept a mark."""
-    assert 'Rules of the house' in words(pages / 'contributing.html')
-    assert 'Forthcoming' in words(pages / 'changelog.html')
-    for page in pages.rglob('*.html'):
-        assert 'insert: ' not in page.read_text(encoding='utf-8'), page.name
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from helpers.detectors import BITS
 
 from lidar_outlier_filter.cli.main import commands_for
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml, table
+from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,14 +74,6 @@ def test_links_lead_somewhere(page: Path) -> None:
         file = (page.parent / target) if target else page
         assert file.is_file(), target
         assert not anchor or anchor in anchors(file), f'{target}#{anchor}'
-
-
-def test_contents_of_results() -> None:
-    """The table of contents lists every section of the long results, in their order."""
-    text = (TABLES / 'tables.md').read_text(encoding='utf-8')
-    listed = re.findall(r'^\| \[(.*?)\]\(#(.*?)\) \|', text, re.MULTILINE)
-    assert [title for title, _ in listed] == re.findall(r'^## (.*)$', text, re.MULTILINE)
-    assert {anchor for _, anchor in listed} <= anchors(TABLES / 'tables.md')
 
 
 @EACH_PAGE
@@ -183,13 +175,3 @@ def test_every_family_has_a_page() -> None:
         assert f'config/{family}.yaml' in page
         for field in ('time_field', 'line_field'):
             assert f'`{values[field]}`' in page if field in values else True
-
-
-def test_tables_of_parameters_are_whole() -> None:
-    """The tables of the sections and that of the rest are all rows of the one table, in order."""
-    head, rows = table().splitlines()[:2], table().splitlines()[2:]
-    sections = list(dict.fromkeys(name.rpartition('.')[0] for name in sorted(NAMES, key=len)))
-    parts = [table(section).splitlines() for section in sections]
-    assert all(part[:2] == head for part in parts)
-    assert sorted(row for part in parts for row in part[2:]) == sorted(rows)
-    assert [row.split('`')[1] for row in rows] == [parameter.name for parameter in describe()]

@@ -212,17 +212,6 @@ def test_no_alias_of_a_type_twice() -> None:
     assert not {name: where for name, where in found.items() if len(where) > 1}
 
 
-def test_nothing_is_left_to_others() -> None:
-    """No method only raises NotImplementedError."""
-    wrong = [
-        module.name
-        for module in modules().values()
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.Name) and node.id == 'NotImplementedError'
-    ]
-    assert not wrong
-
-
 DETECTORS = f'{PACKAGE}.core.detectors'
 
 
