@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Ints, Singles
 
 
-MOST_MOVES = 16  # for each return of a line, one by one; beyond, the line is merged
+MOST_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line
 SAME_SHOT = 2e-5  # rad: nearer than that, two returns of a ring are of one beam
 
 
@@ -44,13 +44,25 @@ class OrderedLines(NamedTuple):
     first: Ints
 
 
-@kernel
 def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
     """Sort each line by phase; of one phase, by range and position, whatever the order given.
 
     Lines are nearly sorted, where the head turns steadily: then few returns move, and not far.
     """
+    xyz, distance, order, first = lines
+    for line in _sort_nearly(lines, begin, end, phase, up):
+        part = slice(first[line], first[line + 1])
+        some = order[part]
+        rank = np.lexsort((*xyz[some].T[::-1], distance[some], phase[part]))
+        order[part], phase[part], up[part] = some[rank], phase[part][rank], up[part][rank]
+
+
+@kernel
+def _sort_nearly(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> Ints:
+    """Sort lines by insertion; return those in which too many returns would have to move."""
     order, first = lines.order, lines.first
+    unsorted = np.empty(end - begin, np.int64)
+    count = 0
     for line in range(begin, end):
         low, high = first[line], first[line + 1]
         left = MOST_MOVES * (high - low)
@@ -65,8 +77,10 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
                 m -= 1
             left -= k - m
             if left < 0:
-                _merge(lines, low, high, phase, up)
+                unsorted[count] = line
+                count += 1
                 break
+    return unsorted[:count]
 
 
 @kernel
@@ -85,33 +99,6 @@ def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
                 order[m], order[m - 1] = order[m - 1], order[m]
                 up[m], up[m - 1] = up[m - 1], up[m]
                 m -= 1
-
-
-@inner_kernel
-def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) -> None:
-    """Sort one line, whatever its order; what is equal stays in its order."""
-    count, size = high - low, 1
-    rank, merged = np.empty(count, np.int64), np.empty(count, np.int64)
-    for k in range(count):
-        rank[k] = low + k
-    while size < count:
-        for begin in range(0, count, 2 * size):
-            middle, end = min(begin + size, count), min(begin + 2 * size, count)
-            i, j = begin, middle
-            for k in range(begin, end):
-                if j >= end or (i < middle and not _is_before(lines, phase, rank[j], rank[i])):
-                    merged[k] = rank[i]
-                    i += 1
-                else:
-                    merged[k] = rank[j]
-                    j += 1
-        rank, merged = merged, rank
-        size *= 2
-    turned, sine = np.empty(count), np.empty(count)
-    for k in range(count):
-        merged[k], turned[k], sine[k] = lines.order[rank[k]], phase[rank[k]], up[rank[k]]
-    for k in range(count):
-        lines.order[low + k], phase[low + k], up[low + k] = merged[k], turned[k], sine[k]
 
 
 @inner_kernel

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a profile scanner was, found from its points, and how far its mirror had turned.
+"""The position of a profile scanner, estimated from its points, and the angle of its mirror.
 
 The mirror turns evenly, so the angle of each shot is known from its time, up to a constant; and
 seen from the scanner, all points of a line are where these angles say, however far they are.
@@ -19,9 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import lines_at_once
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:
@@ -37,7 +34,7 @@ UNSURE = 0.2  # m: standard deviation of the scanner's position
 FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
 AWAY = 0.01  # m: least range
 TINY = np.finfo(np.float64).tiny
-UNKNOWNS = 4
+LINES_AT_ONCE = 256  # that a thread fits
 
 
 class Scanner(NamedTuple):
@@ -86,14 +83,13 @@ def find_scanner(
     turned -= turned.min()
     passed = np.diff(t)
     steps = np.median(passed[passed > 0]) * (TURN / period) if len(t) > 1 else 0.0
-    fit = Fit(np.empty((len(sizes), 3)), np.empty(len(sizes)), np.empty(len(sizes)))
-    pool.run(
-        lambda i, j: fit_lines(xyz, turned, order, first, i, j, fit),
-        len(sizes),
-        lines_at_once(len(sizes), len(t)),
-        threads,
+    some = begins[:, None] + np.arange(SAMPLES) * sizes[:, None] // SAMPLES
+    parts = pool.run(
+        lambda i, j: fit_lines(xyz[order[some[i:j]]], turned[some[i:j]]),
+        *(len(sizes), LINES_AT_ONCE, threads),
     )
-    good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE)
+    fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE) & (sizes >= FEWEST)
     if np.count_nonzero(good) < KNOWN * len(sizes):
         return None
     known = good[rank]
@@ -105,15 +101,15 @@ def find_scanner(
 
 
 class Fit(NamedTuple):
-    """What some returns of each line show.
+    """The scanner's position, as some returns of each of L lines show it.
 
     Attributes
     ----------
     position : (L, 3) float64
-        Where the scanner is, metres.
+        Metres.
     off : (L,) float64
-        Median angle between a return and where the mirror looked, rad; infinite where the line has
-        too few returns, or where they all lie where the scanner is.
+        Median angle between a return and where the mirror looked, rad; infinite where the returns
+        all lie where the scanner is.
     unsure : (L,) float64
         Standard deviation of the position, metres.
 
@@ -124,151 +120,42 @@ class Fit(NamedTuple):
     unsure: Floats
 
 
-class Room(NamedTuple):
-    """Room to work in, for one thread: of ``SAMPLES`` returns each.
-
-    Attributes
-    ----------
-    at : (3, SAMPLES) float64
-        Metres from their centre.
-    x, y : (SAMPLES,) float64
-        The same, in the plane of the line.
-    sine, cosine : (SAMPLES,) float64
-        Of the angle of the mirror.
-    far, weight : (SAMPLES,) float64
-        Metres from the scanner, and how much each counts.
-    normal, vectors : (UNKNOWNS, UNKNOWNS) float64
-
-    """
-
-    at: Floats
-    x: Floats
-    y: Floats
-    sine: Floats
-    cosine: Floats
-    far: Floats
-    weight: Floats
-    normal: Floats
-    vectors: Floats
+def fit_lines(xyz: Floats, turned: Floats) -> Fit:
+    """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
+    centre = xyz.mean(axis=1)
+    at = np.ascontiguousarray(np.moveaxis(xyz - centre[:, None], 2, 0))
+    _, axes = np.linalg.eigh(_gram(at))
+    across = axes[:, :, 1:]  # the plane of the line
+    x, y = ((across[:, :, k].T[..., None] * at).sum(axis=0) for k in range(2))
+    # Which side of the plane is seen is not known: the mirror turns one way or the other.
+    one, other = (_fit_plane(x, y, np.sin(sense * turned), np.cos(turned)) for sense in (1, -1))
+    (east, north), off, unsure = (
+        np.where(other.off < one.off, b, a) for a, b in zip(one, other, strict=True)
+    )
+    position = centre + east[:, None] * across[:, :, 0] + north[:, None] * across[:, :, 1]
+    return Fit(position, off, unsure)
 
 
-@kernel
-def fit_lines(
-    xyz: Floats, turned: Floats, order: Ints, first: Ints, begin: int, end: int, found: Fit
-) -> None:
-    """Fit the scanner's position to some returns of each of the lines begin to end."""
-    row, square = np.empty((6, SAMPLES)), np.empty((2, UNKNOWNS, UNKNOWNS))
-    x, y, sine, cosine, far, weight = row[0], row[1], row[2], row[3], row[4], row[5]
-    room = Room(np.empty((3, SAMPLES)), x, y, sine, cosine, far, weight, square[0], square[1])
-    for line in range(begin, end):
-        low, size = first[line], first[line + 1] - first[line]
-        found.position[line], found.off[line], found.unsure[line] = 0.0, np.inf, np.inf
-        if size < FEWEST:
-            continue
-        some = order[low + np.arange(SAMPLES) * size // SAMPLES]
-        for s in range(SAMPLES):
-            angle = turned[low + s * size // SAMPLES]
-            sine[s], cosine[s] = np.sin(angle), np.cos(angle)
-        centre = _centre(xyz, some, room.at)
-        across = _lay_flat(room)
-        # Which side of the plane is seen is not known: the mirror turns one way or the other.
-        for _ in range(2):
-            east, north, off, unsure = _fit_plane(room)
-            if off < found.off[line]:
-                found.off[line], found.unsure[line] = off, unsure
-                for axis in range(3):
-                    along = east * across[0, axis] + north * across[1, axis]
-                    found.position[line, axis] = centre[axis] + along
-            for s in range(SAMPLES):
-                sine[s] = -sine[s]
+def _gram(rows: Floats) -> Floats:
+    """Return the sums of products (L, U, U) of rows (U, L, S)."""
+    # Each line by itself, whatever lines are beside it.
+    return np.moveaxis((rows[:, None] * rows[None]).sum(axis=-1), -1, 0)
 
 
-@inner_kernel
-def _centre(xyz: Floats, some: Ints, at: Floats) -> Floats:
-    """Write some points, from the mean of them all; return that."""
-    centre = np.zeros(3)
-    for i in some:
-        for axis in range(3):
-            centre[axis] += xyz[i, axis]
-    for axis in range(3):
-        centre[axis] /= len(some)
-        for s in range(len(some)):
-            at[axis, s] = xyz[some[s], axis] - centre[axis]
-    return centre
-
-
-@inner_kernel
-def _lay_flat(room: Room) -> Floats:
-    """Write where returns are in the plane that fits them best; return its two axes."""
-    at, normal, vectors = room.at, room.normal, room.vectors
-    for i in range(3):
-        for j in range(3):
-            total = 0.0
-            for s in range(SAMPLES):
-                total += at[i, s] * at[j, s]
-            normal[i, j] = total
-    eigen(normal, vectors, 3)
-    least = find_least(normal, 3)
-    across = np.empty((2, 3))
-    for axis in range(3):
-        across[0, axis] = vectors[axis, (least + 1) % 3]
-        across[1, axis] = vectors[axis, (least + 2) % 3]
-    for s in range(SAMPLES):
-        x, y, z = at[0, s], at[1, s], at[2, s]
-        room.x[s] = x * across[0, 0] + y * across[0, 1] + z * across[0, 2]
-        room.y[s] = x * across[1, 0] + y * across[1, 1] + z * across[1, 2]
-    return across
-
-
-@inner_kernel
-def _fit_plane(room: Room) -> tuple[float, float, float, float]:
-    """Return the scanner's x and y, how far returns are off, and how unsure the position is."""
-    x, y, sine, cosine, far, weight = room.x, room.y, room.sine, room.cosine, room.far, room.weight
-    normal, vectors = room.normal, room.vectors
-    east = north = square = 0.0
-    least = 0
-    weight[:] = 1.0
+def _fit_plane(x: Floats, y: Floats, sine: Floats, cosine: Floats) -> Fit:
+    """Fit the position in the plane (2, L) to returns (L, S) there, and mirror angles."""
+    said = np.stack([x * sine - y * cosine, x * cosine + y * sine, -sine, cosine])
+    weight = np.ones_like(x)
     for _ in range(FITS):
-        _sum_normal(room)
-        eigen(normal, vectors, UNKNOWNS)
-        least = find_least(normal, UNKNOWNS)
-        a, b, c, d = vectors[0, least], vectors[1, least], vectors[2, least], vectors[3, least]
-        square = max(a * a + b * b, TINY)
+        values, vectors = np.linalg.eigh(_gram(weight * said))
+        a, b, c, d = vectors[:, :, 0].T
+        square = np.maximum(a * a + b * b, TINY)
         east, north = (c * a - d * b) / square, (c * b + d * a) / square
-        for s in range(SAMPLES):
-            far[s] = np.sqrt((x[s] - east) ** 2 + (y[s] - north) ** 2)
-            weight[s] = 1.0 / max(far[s], NEAREST)
-    second = np.inf
-    for i in range(UNKNOWNS):
-        if i != least:
-            second = min(second, normal[i, i])
-    error = max(normal[least, least], 0.0)
-    unsure = np.sqrt(error / (SAMPLES * max(second * square, TINY)))
+        far = np.hypot(x - east[:, None], y - north[:, None])
+        weight = 1.0 / np.maximum(far, NEAREST)
+    error, second = np.maximum(values[:, 0], 0.0), np.maximum(values[:, 1] * square, TINY)
+    residual = np.abs((vectors[:, :, 0].T[..., None] * said).sum(axis=0)) * weight
+    off = np.median(residual, axis=1) / np.sqrt(square)
     # Points that all lie where the scanner is fit any angle.
-    if not median(far, SAMPLES) > AWAY:
-        return east, north, np.inf, unsure
-    for s in range(SAMPLES):
-        one, other = x[s] * sine[s] - y[s] * cosine[s], x[s] * cosine[s] + y[s] * sine[s]
-        far[s] = abs(a * one + b * other - c * sine[s] + d * cosine[s]) * weight[s]
-    return east, north, median(far, SAMPLES) / np.sqrt(square), unsure
-
-
-@inner_kernel
-def _sum_normal(room: Room) -> None:
-    """Sum up what the weighted returns say of the four unknowns."""
-    normal = room.normal
-    normal[:] = 0.0
-    for s in range(SAMPLES):
-        w, sine, cosine = room.weight[s], room.sine[s], room.cosine[s]
-        row = (
-            w * (room.x[s] * sine - room.y[s] * cosine),
-            w * (room.x[s] * cosine + room.y[s] * sine),
-            w * -sine,
-            w * cosine,
-        )
-        for i in range(UNKNOWNS):
-            for j in range(i + 1):
-                normal[i, j] += row[i] * row[j]
-    for i in range(UNKNOWNS):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
+    off[~(np.median(far, axis=1) > AWAY)] = np.inf
+    return Fit(np.stack([east, north]), off, np.sqrt(error / (x.shape[1] * second)))

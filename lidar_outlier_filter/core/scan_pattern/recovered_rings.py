@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rings of a cloud that does not say them, found by the elevations of its points.
+"""Rings of a cloud that does not say them, found by the elevations of its points; or bands.
 
 A spinning sensor measures at some elevations only. Seen from where its beams leave, points crowd
 there, and nothing is between. Clouds of others have no such elevations.
@@ -211,6 +211,60 @@ def _share_near(elevation: Floats, rings: Floats) -> float:
     of_ring = np.bincount(nearest, minlength=len(rings))
     shares = np.bincount(nearest, near, len(rings)) / np.maximum(of_ring, 1)
     return min(float(near.mean()), float(shares.mean()))
+
+
+# Scanners without rings draw rosettes or zigzags: what is next in time lies on one curve. Bands of
+# elevation stand for their rings, as high as their points are apart: so a point's neighbours are
+# those around it on all sides. Rad, 0.05° to 4.4°. Products are the same on every machine, powers
+# are not.
+HEIGHTS = TURN / 7200 * np.cumprod(np.full(92, 1.05))
+
+
+def in_bands(points: Points) -> Points:
+    """Take bands of elevation for the lines of valid points, and azimuths for their times."""
+    xyz = points.in_own_frame.xyz
+    turned = as_turn(replace(points, ring=np.zeros(len(points), np.int64)))
+    flat = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2)
+    elevation = elevations(flat, np.ascontiguousarray(xyz[:, 2]), Origin(0.0, 0.0))
+    reach = points.range
+    # What is so near that its square is 0 has an elevation of 0.
+    level = np.divide(flat, reach, out=np.ones(len(points)), where=reach > 0)
+    height = find_height(elevation, turned.t, level)
+    return replace(turned, line=_bands(elevation, height), ring=None)
+
+
+def find_height(elevation: Floats, turned: Ints, level: Floats) -> float:
+    """Return the least of ``HEIGHTS`` at which a band's points are no farther apart, rad.
+
+    Parameters
+    ----------
+    elevation : (N,) of the points, rad
+    turned : (N,) azimuth, in which a turn is a second of nanoseconds
+    level : (N,) cosine of the elevation
+
+    """
+    low, high = 0, len(HEIGHTS) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if _apart(_bands(elevation, HEIGHTS[middle]), elevation, turned, level) <= HEIGHTS[middle]:
+            high = middle
+        else:
+            low = middle + 1
+    return float(HEIGHTS[low])
+
+
+def _bands(elevation: Floats, height: float) -> Ints:
+    return np.floor(elevation / height).astype(np.int64)
+
+
+def _apart(band: Ints, elevation: Floats, turned: Ints, level: Floats) -> float:
+    """Return the median angle between neighbours in a band, rad; inf where none has any."""
+    order = np.lexsort((elevation, turned, band))
+    same = np.flatnonzero(np.diff(band[order]) == 0)
+    if not len(same):
+        return np.inf
+    angle = np.diff(turned[order])[same] * (TURN / SECOND) * level[order[same]]
+    return float(np.median(angle))
 
 
 def compile_kernels() -> None:

@@ -15,7 +15,7 @@ from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.boosted_trees.explanation import explain
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.scan_pattern.elevation_bands import HEIGHTS, in_bands
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import HEIGHTS, in_bands
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats

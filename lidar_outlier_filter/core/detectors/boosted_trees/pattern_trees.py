@@ -33,7 +33,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, p
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill
-from lidar_outlier_filter.core.scan_pattern.elevation_bands import in_bands
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     LINES_AT_ONCE,
@@ -44,7 +43,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     spread,
 )
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 
 if TYPE_CHECKING:

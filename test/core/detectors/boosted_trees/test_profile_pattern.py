@@ -27,12 +27,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
-    FEWEST,
-    SAMPLES,
-    Fit,
-    fit_lines,
-)
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, fit_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -91,26 +86,20 @@ def test_scanner_in_its_own_frame() -> None:
 @pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
 @pytest.mark.parametrize('lost', [0.0, 0.4])
 def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> None:
-    """The position of each line, and how good it is, are those of loops, for any part of lines."""
+    """The position of each line, and how good it is, are those of loops, whatever is beside it."""
     drive = Drive(2, lost)
-    xyz, turned = drive.points.xyz + moved, drive.angle + 0.7
     first = line_starts(drive.line)
-    left, count = drive.points.line != 3, len(first) - 1
-    left[first[3] : first[3] + FEWEST - 1] = True
-    xyz, turned, first = xyz[left], turned[left], line_starts(drive.line[left])
-    found = Fit(np.empty((count, 3)), np.empty(count), np.empty(count))
-    for begin, end in ((0, 5), (5, 6), (6, count)):
-        fit_lines(xyz, turned, np.arange(len(xyz)), first, begin, end, found)
-    for line in range(count):
-        size = first[line + 1] - first[line]
-        some = first[line] + np.arange(SAMPLES) * size // SAMPLES
-        if size < FEWEST:
-            assert found.off[line] == np.inf
-            continue
-        wanted = naive.seat(xyz[some], turned[some].tolist())
+    some = first[:-1, None] + np.arange(SAMPLES) * np.diff(first)[:, None] // SAMPLES
+    xyz, turned = (drive.points.xyz + moved)[some], drive.angle[some] + 0.7
+    found = fit_lines(xyz, turned)
+    for line, rows in enumerate(xyz):
+        wanted = naive.seat(rows, turned[line].tolist())
         assert_allclose(found.position[line], wanted.position, rtol=0, atol=1e-8)
         assert_allclose([found.off[line], found.unsure[line]], wanted[1:], rtol=1e-5)
-    assert np.count_nonzero(np.isinf(found.off)) == 1
+        for one, every in zip(
+            fit_lines(xyz[line : line + 1], turned[line : line + 1]), found, strict=True
+        ):
+            assert_array_equal(one[0], every[line])
 
 
 def test_lines_without_returns() -> None:
