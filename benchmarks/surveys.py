@@ -4,7 +4,7 @@
 
     scripts/environment python benchmarks/surveys.py [--write] [--data ../shared/data] [--only PAGE]
 
-Three tables: chains on three real clouds and a simulated town (``doc/chains.md``); the default and
+Three tables: chains on three real clouds and a simulated town (``doc/surveys.md``); the default and
 SOR on simulated surveys of five seeds and on real clouds (the page of the default); and filters of
 PDAL, Open3D, lidR and CloudCompare, reimplemented from their definitions, beside ours
 (``doc/development/default.md``).
@@ -254,7 +254,7 @@ def isolated(xyz: Floats, side: float, few: int) -> Bools:
 
 
 PAGES = {
-    'chains': (DOC / 'chains.md', 'surveys', of_chains),
+    'chains': (DOC / 'surveys.md', 'surveys', of_chains),
     'default': (DOC / 'detectors' / 'boosted_trees.md', 'surveys', of_default),
     'peers': (DOC / 'development' / 'default.md', 'survey-peers', of_peers),
 }

@@ -242,7 +242,7 @@ STAGES: Mapping[str, Mapping[str, Stage]] = {
     'doc/evaluate.md': {'my_drive': copy('bags/hdl32_mrpt_mcap')},
     'doc/report.md': {'my_recording': copy(VELODYNE)},
     'doc/parameters.md': {'my_recording': copy(VELODYNE), 'my.yaml': settings},
-    'doc/chains.md': {'survey.laz': points(AIRBORNE)},
+    'doc/surveys.md': {'survey.laz': points(AIRBORNE)},
     'doc/detectors/elevation.md': {'survey.laz': points(AIRBORNE)},
     'doc/papers/kang2018.md': {'hills.laz': points(AIRBORNE)},
     'doc/papers/leslar2010.md': {'drive.laz': points(AIRBORNE)},
