@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors import registry
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.reasons import REASON_NAMES
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.yaml_files import table
 
@@ -59,12 +61,20 @@ def without_title(text: str) -> str:
     return re.sub(r'\A(#.*\n|\^+\n.*\n\^+\n)\n*', '', text)
 
 
+def reasons_table() -> str:
+    """Return the table of the reasons in ``outlier_reason``."""
+    meaning = PROFILE | SECOND_PASS | WINDOW
+    rows = [f'| {k} | `{name}` | {meaning[name]} |' for k, name in REASON_NAMES.items()]
+    return '\n'.join(['| number | feature | meaning |', '| ---: | --- | --- |', *rows])
+
+
 def inserted() -> dict[str, str]:
     """Return what is put where a page says ``<!-- insert: NAME -->``."""
     texts = {
         'CONTRIBUTING.md': without_title((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')),
         'CHANGELOG.rst': without_title((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')),
         'detectors': registry.table(),
+        'reasons': reasons_table(),
         'parameters': table(),
     }
     sections = {parameter.name.rpartition('.')[0] for parameter in describe()}
