@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 
-PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'quickstart' / 'livox.md'
+PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'results' / 'livox.md'
 SECTION = 'livox'
 COMMAND = 'benchmarks/livox.py --write'
 SEEDS = (831, 832, 833, 834, 835, 836)

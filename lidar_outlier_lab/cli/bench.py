@@ -23,7 +23,7 @@ def add_bench(commands: Commands) -> None:
         description='Compare the answers, then time detectors, the whole way of a cloud, and the '
         'peers that are installed on the same points, on one core and on two.',
         epilog='examples:\n  lidar-outlier-filter bench\n'
-        '  lidar-outlier-filter bench --write doc/performance.md',
+        '  lidar-outlier-filter bench --write doc/results/speed.md',
     )
     parser.add_argument(
         '--write', type=Path, metavar='PAGE', help='put the tables between markers into a page'

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats
 
-COMMAND = 'lidar-outlier-filter bench --write doc/performance.md'
+COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
 MOST_CORES = 2
 PEERS = ('open3d', 'sklearn')
 # What is not compared here, and why.
 OTHERS = (
     'PCL: its Python bindings are no longer maintained, and need an old release of it',
-    '3D-OutDet: [real snow](real_snow.md) has its speed on a processor',
+    '3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',
 )
 
 
@@ -52,7 +52,7 @@ def run(console: Console, page: Path | None = None) -> int:
     bench.compare_sor(xyz[: len(xyz) // 8])
     parts = [_conditions()]
     for title, table in _tables(messages, xyz):
-        parts.append(f'### {title}\n\n{table}')
+        parts.append(f'## {title}\n\n{table}')
         console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
     console.print(parts[0], markup=False, highlight=False)
     if page is not None:

@@ -61,7 +61,7 @@ NOT_RUN: Mapping[str, str] = {
     'lidar-outlier-filter mask drive': 'needs a drive; test_learn_mask.py runs it',
     'lidar-outlier-filter replay drive --output cleaned --set mask': 'the same',
     'lidar-outlier-filter bench': 'takes minutes; test_bench.py runs its parts',
-    'lidar-outlier-filter bench --write doc/performance.md': 'the same',
+    'lidar-outlier-filter bench --write doc/results/speed.md': 'the same',
     'python benchmarks/large_clouds.py': 'takes ten minutes',
     'RMW_IMPLEMENTATION=': 'needs another middleware',
     'lidar-outlier-filter compile': 'takes minutes; test_compiling.py runs it',

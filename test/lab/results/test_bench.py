@@ -122,6 +122,6 @@ def test_page_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     assert text.startswith(
         '# Performance\n\n<!-- begin speed: written by `lidar-outlier-filter bench'
     )
-    assert '### Speed\n\n| a | b |\n| --- | ---: |\n| c | 1 |' in text
+    assert '## Speed\n\n| a | b |\n| --- | ---: |\n| c | 1 |' in text
     assert 'Left out are ' in text
     assert 'Speed' in shown.getvalue()
