@@ -147,13 +147,13 @@ class PcdFile(RowFile):
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy; without some of its points a cloud is organised no more."""
+        if self._data != 'binary_compressed':
+            yield from super().copy(path, change)
+            return
         with path.open('wb') as stream:
             stream.writelines(self._changed_header(change))
-            if self._data == 'binary_compressed':
-                self._compress(stream, change)
-                yield self._count
-            else:
-                yield from self._rows.write(stream, change)
+            self._compress(stream, change)
+        yield self._count
 
     def _changed_header(self, change: Change) -> Iterator[bytes]:
         count = b'%d' % change.count(self._count)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """PLY files: ascii and binary of both byte orders.
 
-The header and the element ``vertex`` are read; all before and behind it is copied as it is. Read
+The element ``vertex``, which must be the first, is read; all behind it is copied as it is. Read
 here because no library fits: plyfile's licence is the GPL, and meshio, trimesh and Open3D keep only
 the properties that they know.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,11 +84,10 @@ class PlyFile(RowFile):
             self._header = read_header(stream, _is_magic, _is_end)
             self._begin = stream.tell()
         self._format, self._elements = _parse(path, self._header)
-        found = [i for i, element in enumerate(self._elements) if element.name == 'vertex']
-        if len(found) != 1:
-            raise CloudError(f'the elements vertex of {path}', 'one', len(found))
-        self._index = found[0]
-        self._vertex = self._elements[self._index]
+        if not self._elements or self._elements[0].name != 'vertex':
+            got = ', '.join(element.name for element in self._elements) or 'none'
+            raise CloudError(f'the first element of {path}', 'vertex', got)
+        self._vertex, *behind = self._elements
         self._count = self._vertex.count
         if not self._vertex.properties:
             raise CloudError(f'the element vertex of {path}', 'with properties', 'none')
@@ -98,36 +97,26 @@ class PlyFile(RowFile):
         self.columns: Mapping[str, np.dtype[Any]] = single_numbers(self._dtype)
         names = [element.name for element in self._elements if element.names_vertices]
         self.whole = f'its elements {", ".join(names)} name vertices by number' if names else ''
-        self._rows, self._offset, self._end = self._find()
+        self._rows, self._end = self._find(behind)
 
-    def _find(self) -> tuple[Rows, int, int]:
-        """Return the rows of the vertices, and where they begin and end in the file."""
-        with self.path.open('rb') as stream:
-            stream.seek(self._begin)
-            for element in self._elements[: self._index]:
-                _skip(self.path, stream, element, self._format)
-            offset = stream.tell()
-        behind = self._elements[self._index + 1 :]
+    def _find(self, behind: Sequence[_Element]) -> tuple[Rows, int]:
+        """Return the rows of the vertices, and where they end in the file."""
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
-            count, width = self._vertex.count, len(self._vertex.properties)
-            lines = TextRows(self.path, offset, count, width, columns, is_last=not behind)
-            return lines, offset, lines.end()
-        end = offset + self._dtype.itemsize * self._vertex.count
+            width, is_last = len(self._vertex.properties), not behind
+            lines = TextRows(self.path, self._begin, self._count, width, columns, is_last=is_last)
+            return lines, lines.measure()[1]
+        end = self._begin + self._dtype.itemsize * self._count
         least = sum(element.count * element.least for element in behind)
         # Lists behind the vertices may have any length.
         before = end if any(element.has_lists for element in behind) else self._size - least
         check_fits(self.path, 'the bytes of all elements', end + least, 1, self._size)
-        rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count, before)
-        return rows, offset, end
+        return BinaryRows.map(self.path, self._begin, self._dtype, self._count, before), end
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy, with every other element as it is."""
-        with path.open('wb') as stream, self.path.open('rb') as source:
-            stream.writelines(self._changed_header(change))
-            source.seek(self._begin)
-            stream.write(source.read(self._offset - self._begin))
-            yield from self._rows.write(stream, change)
+        yield from super().copy(path, change)
+        with path.open('ab') as stream, self.path.open('rb') as source:
             source.seek(self._end)
             shutil.copyfileobj(source, stream)
 
@@ -146,7 +135,7 @@ class PlyFile(RowFile):
                 inside = False
             if words[:2] == [b'element', b'vertex']:
                 inside = True
-                count = change.count(len(self))
+                count = change.count(self._count)
                 yield b'element vertex %d' % count + line[len(line.rstrip()) :]
             else:
                 yield line
@@ -199,30 +188,3 @@ def _add(path: Path, element: _Element, name: str, words: list[str]) -> None:
     if name in element.properties:
         check_names(path, [name, name])
     element.properties[name] = words
-
-
-def _skip(path: Path, stream: BinaryIO, element: _Element, form: str) -> None:
-    """Move behind an element."""
-    if form == 'ascii':
-        for _ in range(element.count):
-            if not stream.readline():
-                raise CloudError(f'the element {element.name} of {path}', 'whole', 'an end')
-        return
-    left = path.stat().st_size - stream.tell()
-    check_fits(path, f'the number of {element.name}', element.count, element.least, left)
-    if not element.has_lists:
-        stream.seek(element.layout(_ORDERS[form]).itemsize * element.count, 1)
-        return
-    order = _ORDERS[form]
-    kinds = [
-        [np.dtype(order + _KINDS[word]) for word in words] for words in element.properties.values()
-    ]
-    end = stream.tell() + left
-    for _ in range(element.count):
-        for kind, *length in kinds:
-            count = 1
-            if length:
-                data = stream.read(length[0].itemsize).ljust(length[0].itemsize, b'\0')
-                count = int(np.frombuffer(data, length[0])[0])
-            check_fits(path, 'the length of a list', count, kind.itemsize, end - stream.tell())
-            stream.seek(count * kind.itemsize, 1)

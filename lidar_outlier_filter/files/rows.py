@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of points behind a header, as in PCD, PLY and PTX, and poses of scans.
+"""Rows of points behind a header, as in PCD, PLY, PTX and CSV, and poses of scans.
 
 Rows are copied byte for byte; only requested columns are parsed.
 """
 
 from __future__ import annotations
 
+import sys
 from itertools import islice
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
 
@@ -51,6 +52,16 @@ class RowFile(CloudFile):
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
         return self._rows.read(names)
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write a copy."""
+        with path.open('wb') as stream:
+            stream.writelines(self._changed_header(change))
+            yield from self._rows.write(stream, change)
+
+    def _changed_header(self, _change: Change) -> Iterator[bytes]:
+        """Yield the lines of the header of a copy; those of the file, where nothing changes."""
+        yield from self._header
 
 
 def read_header(
@@ -124,26 +135,29 @@ def _is_big_endian(dtype: np.dtype[np.void]) -> bool:
 
 
 class TextRows:
-    """Rows that are lines, with numbers between blanks."""
+    """Rows that are lines, with numbers between separators."""
 
     def __init__(  # noqa: PLR0913  where the lines are, and what is in them
         self,
         path: Path,
         offset: int,
-        count: int,
+        count: int | None,
         width: int,
         columns: Mapping[str, tuple[int, np.dtype[Any]]],
         *,
+        separator: bytes = b' ',
         is_last: bool = True,
         instead: bytes = b'',
     ) -> None:
         """Note where the lines begin, how many there are, and index and type of the columns.
 
         Each line has ``width`` numbers. Only blank lines may follow the last lines of a file.
-        ``instead`` replaces a line that is left out.
+        Without a ``count``, all lines up to the end are rows. ``instead`` replaces a line that is
+        left out.
         """
         self._path, self._offset, self._count, self._columns = path, offset, count, columns
-        self._width, self._is_last, self._instead = width, is_last, instead
+        self._width, self._separator, self._is_last = width, separator, is_last
+        self._instead = instead
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
@@ -152,26 +166,33 @@ class TextRows:
         # numpy reads columns in the order in which they are asked for.
         use = [index for index, _ in columns]
         done = 0
-        for lines in self._chunks():
+        for lines in self.chunks():
             text = [line.strip().decode('latin-1') for line in lines]
-            for number, line in enumerate(text, done + 1):
-                # With more or fewer numbers, added columns would be in the wrong place.
-                if (found := len(line.split())) != self._width:
-                    what = f'point {number} of {self._path}'
-                    raise CloudError(what, f'of {self._width} numbers, as it says', found)
+            self.check_widths(done, [len(line.split()) for line in text])
             done += len(lines)
             table = np.loadtxt(text, dtype, comments=None, usecols=use, ndmin=1)
             yield tuple(np.ascontiguousarray(table[name]) for name in dtype.names or ())
 
+    def check_widths(self, done: int, widths: Sequence[int]) -> None:
+        """Refuse rows of more or fewer numbers: added columns would be in the wrong place."""
+        for number, found in enumerate(widths, done + 1):
+            if found != self._width:
+                what = f'point {number} of {self._path}'
+                raise CloudError(what, f'of {self._width} numbers', found)
+
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the lines, changed; yield how many are done."""
         done = 0
-        for lines in self._chunks():
+        for lines in self.chunks():
             part = change.part(slice(done, done + len(lines)))
             if part.added:
                 added = [values.tolist() for values in part.added.values()]
                 rows = zip(lines, *added, strict=True)
-                lines = [append(line, b' ', values) for line, *values in rows]  # noqa: PLW2901
+                # Nine digits distinguish any two float32.
+                lines = [  # noqa: PLW2901
+                    append(line, self._separator, [f'{value:.9g}' for value in values])
+                    for line, *values in rows
+                ]
             if part.keep is not None:
                 kept = zip(lines, part.keep, strict=True)
                 lines = [line if keep else self._left_out(line) for line, keep in kept]  # noqa: PLW2901
@@ -186,23 +207,25 @@ class TextRows:
         held = line.rstrip(b'\r\n')
         return held[: held.rfind(b'\n') + 1] + self._instead + line[len(held) :]
 
-    def end(self) -> int:
-        """Find where the lines end: the offset in the file."""
-        return self._offset + sum(len(line) for lines in self._chunks() for line in lines)
+    def measure(self) -> tuple[int, int]:
+        """Count the lines, and find the offset in the file where they end."""
+        count, end = 0, self._offset
+        for lines in self.chunks():
+            count, end = count + len(lines), end + sum(map(len, lines))
+        return count, end
 
-    def _chunks(self) -> Iterator[list[bytes]]:
+    def chunks(self) -> Iterator[list[bytes]]:
         """Yield the lines chunk by chunk; blank lines belong to the line that follows."""
         with self._path.open('rb') as stream:
             stream.seek(self._offset)
             lines, found = _joined(stream), 0
-            while found < self._count:
-                chunk = list(islice(lines, min(CHUNK, self._count - found)))
-                if not chunk:
-                    check_count(self._path, self._count, found)
+            most = sys.maxsize if self._count is None else self._count
+            while chunk := list(islice(lines, min(CHUNK, most - found))):
                 found += len(chunk)
-                if self._is_last and found == self._count:
-                    check_count(self._path, self._count, found + sum(1 for _ in lines))
                 yield chunk
+            if self._count is not None:
+                more = sum(1 for _ in lines) if self._is_last else 0
+                check_count(self._path, self._count, found + more)
 
 
 def _joined(stream: BinaryIO) -> Iterator[bytes]:
@@ -210,17 +233,15 @@ def _joined(stream: BinaryIO) -> Iterator[bytes]:
     blank: list[bytes] = []
     for line in stream:
         blank.append(line)
-        if not line.isspace():
+        if line.strip(b' \r\n'):
             yield b''.join(blank)
             blank.clear()
 
 
-def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
-    """Put numbers behind what a line holds, before its end."""
+def append(line: bytes, separator: bytes, texts: Sequence[str]) -> bytes:
+    """Put texts behind what a line holds, before its end."""
     held = line.rstrip(b'\r\n')
-    # Nine digits distinguish any two float32.
-    texts = (f'{value:.9g}'.encode() for value in values)
-    return separator.join((held, *texts)) + line[len(held) :]
+    return separator.join((held, *(text.encode() for text in texts))) + line[len(held) :]
 
 
 def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:

@@ -14,14 +14,12 @@ import csv
 import re
 from codecs import BOM_UTF8
 from dataclasses import dataclass
-from itertools import islice
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
-    CHUNK,
     FORMATS,
     Change,
     CloudFile,
@@ -30,7 +28,7 @@ from lidar_outlier_filter.files.cloud_file import (
     parse_count,
     parse_number,
 )
-from lidar_outlier_filter.files.rows import TextRows, append, to_common_frame
+from lidar_outlier_filter.files.rows import RowFile, TextRows, append, to_common_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
 
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
-LONGEST_LINE = 1_000_000  # letters
+LONGEST_LINE = 1_000_000  # bytes of the first lines
 EXACT = 2**53  # up to here a float64 holds every whole number
 
 # PTX
@@ -53,14 +51,6 @@ _SHAPE = ('columns', 'rows')
 _POSE = (3,) * 4 + (4,) * 4  # numbers of each line: position, three axes, matrix
 
 
-class _Row(NamedTuple):
-    """The fields of a row, the text that they were, and the number of its first line."""
-
-    fields: list[str]
-    text: str
-    line: int
-
-
 def is_prose(path: Path) -> bool:
     """Return whether a file named as a text table is none: no number is in its first two rows."""
     if FORMATS.get(path.suffix.lower(), ('',))[0] != 'text':
@@ -71,8 +61,8 @@ def is_prose(path: Path) -> bool:
     return not any(_is_number(word) for word in words)
 
 
-class TextFile(CloudFile):
-    """A table that is text; see :class:`CloudFile`.
+class TextFile(RowFile):
+    """A table that is text; see :class:`CloudFile`. Each row is one line.
 
     Without names on top the columns are called 1, 2, 3 and so on.
     """
@@ -80,136 +70,87 @@ class TextFile(CloudFile):
     def __init__(self, path: Path) -> None:
         """Find the separator, the names, and how many rows there are."""
         self.path = path
-        with path.open('rb') as raw:
-            self._mark = raw.read(len(BOM_UTF8)) == BOM_UTF8
-        # The one that makes the most of the first row.
-        self._separator = max(_SEPARATORS, key=lambda mark: len(self._first(mark).fields))
-        names, self._head, _ = self._first(self._separator)
-        self._has_names = bool(names) and not all(_is_number(name) for name in names)
-        if not self._has_names:
+        with path.open('rb') as stream:
+            mark = BOM_UTF8 if stream.read(len(BOM_UTF8)) == BOM_UTF8 else b''
+            stream.seek(len(mark))
+            first = stream.readline(LONGEST_LINE)
+        # The separator that splits the first line into the most fields.
+        separators = [mark.encode() for mark in _SEPARATORS]
+        self._separator = separator = max(
+            separators, key=lambda one: len(_fields(first, one, strict=False))
+        )
+        names = _fields(first, separator, strict=False)
+        has_names = not all(map(_is_number, names))
+        self._header = [mark, first] if has_names else [mark]
+        if not has_names:
             names = [str(i + 1) for i in range(len(names))]
         check_names(path, names)
-        self._width = len(names)
-        with self._open() as stream:
-            first_row = next(self._rows(stream), _Row([], '', 1)).fields
-        with self._open() as stream:
-            self._count = sum(1 for _ in self._rows(stream))
-        self._indices = {
-            name: index
-            for index, (name, text) in enumerate(zip(names, first_row, strict=False))
-            if not text or _is_number(text)
+        self._rows = _TableRows(path, sum(map(len, self._header)), names, separator)
+        self._count, _ = self._rows.measure()
+        fields = _fields(next(self._rows.chunks(), [b''])[0], separator)
+        self.columns: Mapping[str, np.dtype[Any]] = {
+            name: FLOAT
+            for name, text in zip(names, fields, strict=False)
+            if not text.strip() or _is_number(text)
         }
-        self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys(self._indices, FLOAT)
 
-    def _open(self) -> TextIO:
-        # What is no UTF-8 comes out again as it went in; a byte order mark belongs to no column.
-        return self.path.open(encoding='utf-8-sig', errors='surrogateescape', newline='')
+    def _changed_header(self, change: Change) -> Iterator[bytes]:
+        mark, *names = self._header
+        yield mark
+        yield from (append(line, self._separator, list(change.added)) for line in names)
 
-    def _first(self, mark: str) -> _Row:
-        """Return the first row, whatever it is, with a separator; names may have line breaks."""
-        with self._open() as stream:
-            return next(self._parsed(stream, mark, strict=False), _Row([], '', 1))
 
-    def _parsed(self, stream: TextIO, mark: str, *, strict: bool) -> Iterator[_Row]:
-        """Yield the rows, and empty lines, each with the text that it was."""
-        text: list[str] = []
+class _TableRows(TextRows):
+    """Rows with a separator between their fields, which may be quoted or empty."""
 
-        def noted() -> Iterator[str]:
-            while line := stream.readline(LONGEST_LINE):
-                if len(line) == LONGEST_LINE:
-                    must_be = f'of fewer than {LONGEST_LINE} letters'
-                    raise CloudError(f'a line of {self.path}', must_be, 'more')
-                text.append(line)
-                yield line
-
-        reader = csv.reader(noted(), delimiter=mark, skipinitialspace=True, strict=strict)
-        for fields in reader:
-            if mark == ' ' and fields and not fields[-1]:
-                fields.pop()  # blanks at the end separate nothing
-            yield _Row(fields, ''.join(text), reader.line_num - len(text) + 1)
-            text.clear()
-
-    def _rows(self, stream: TextIO) -> Iterator[_Row]:
-        """Yield the rows below the names; a row of empty fields is one, an empty line is none.
-
-        Every row has as many fields as the first: a number in the wrong column is none.
-        """
-        rows = self._parsed(stream, self._separator, strict=True)
-        if self._has_names:
-            next(rows)
-        for row in rows:
-            if len(row.fields) <= 1 and not row.text.strip():
-                continue
-            if len(row.fields) != self._width:
-                what = f'line {row.line} of {self.path}'
-                raise CloudError(what, f'of {self._width} fields, as the first', len(row.fields))
-            yield row
-
-    def _chunks(self, stream: TextIO) -> Iterator[list[_Row]]:
-        rows = self._rows(stream)
-        while chunk := list(islice(rows, CHUNK)):
-            yield chunk
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return self._count
+    def __init__(self, path: Path, offset: int, names: Sequence[str], separator: bytes) -> None:
+        columns = {name: (i, FLOAT) for i, name in enumerate(names)}
+        super().__init__(path, offset, None, len(names), columns, separator=separator)
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; an empty field is missing."""
-        indices = [self._indices[name] for name in names]
-        with self._open() as stream:
-            for rows in self._chunks(stream):
-                table = [np.empty(len(rows)) for _ in names]
-                for i, row in enumerate(rows):
-                    for column, index in zip(table, indices, strict=True):
-                        column[i] = self._number(row, index)
-                yield tuple(
-                    _exact(column, [row.fields[index] for row in rows])
-                    for column, index in zip(table, indices, strict=True)
-                )
-
-    def _number(self, row: _Row, index: int) -> float:
-        text = row.fields[index]
-        try:
-            return parse_number(text) if text and not text.isspace() else np.nan
-        except ValueError:
-            what = f'line {row.line} of {self.path}'
-            raise CloudError(what, 'of numbers', repr(text)) from None
-
-    def copy(self, path: Path, change: Change) -> Iterator[int]:
-        """Write a copy: the rows as they are, with more fields or without some of the rows."""
         done = 0
-        mark = self._separator.encode()
-        with self._open() as stream, path.open('wb') as output:
-            output.write(BOM_UTF8 if self._mark else b'')
-            if self._has_names:
-                names = self._separator.join(['', *change.added])
-                held = self._head.rstrip('\r\n')
-                output.write(_bytes(held + names + self._head[len(held) :]))
-            for rows in self._chunks(stream):
-                part = slice(done, done + len(rows))
-                added = [values[part].tolist() for values in change.added.values()]
-                keep = [True] * len(rows) if change.keep is None else change.keep[part].tolist()
-                for row, stays, *values in zip(rows, keep, *added, strict=True):
-                    if stays:
-                        output.write(append(_bytes(row.text), mark, values))
-                done = part.stop
-                yield done
+        for lines in self.chunks():
+            rows = [_fields(line, self._separator) for line in lines]
+            self.check_widths(done, list(map(len, rows)))
+            indices = [self._columns[name][0] for name in names]
+            yield tuple(self._column([row[i] for row in rows], done) for i in indices)
+            done += len(rows)
+
+    def _column(self, texts: Sequence[str], done: int) -> NDArray[Any]:
+        """Parse a column; the number of the point that has none is in the refusal."""
+        numbers = np.empty(len(texts))
+        for i, text in enumerate(texts):
+            try:
+                numbers[i] = parse_number(text) if text.strip() else np.nan
+            except ValueError:
+                what = f'point {done + i + 1} of {self._path}'
+                raise CloudError(what, 'of numbers', repr(text)) from None
+        return _exact(numbers, texts)
 
 
-def _exact(column: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
+def _fields(line: bytes, separator: bytes, *, strict: bool = True) -> list[str]:
+    """Split a line into its fields."""
+    *_, last = line.rstrip(b'\r\n').rsplit(b'\n', 1)  # blank lines come before it
+    mark, text = separator.decode(), last.decode('utf-8', 'surrogateescape')
+    if mark == ' ':
+        text = text.rstrip()
+    return next(csv.reader([text], delimiter=mark, skipinitialspace=True, strict=strict), [])
+
+
+def _exact(numbers: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
     """Return numbers as int64 if all are whole, so that none is rounded; NaN are missing then."""
-    missing = np.isnan(column)
-    known = column[~missing]
+    missing = np.isnan(numbers)
+    known = numbers[~missing]
     if not (np.isfinite(known).all() and (known == np.floor(known)).all()):
-        return column
-    large = np.abs(column) >= EXACT
-    whole = np.where(missing | large, 0, column).astype(np.int64)
+        return numbers
+    large = np.abs(numbers) >= EXACT
+    whole = np.where(missing | large, 0, numbers).astype(np.int64)
     try:
         for i in np.flatnonzero(large).tolist():
             whole[i] = int(texts[i])
     except (ValueError, OverflowError):  # such as 1e300
-        return column
+        return numbers
     return np.ma.MaskedArray(whole, missing) if missing.any() else whole
 
 
@@ -219,10 +160,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _bytes(text: str) -> bytes:
-    return text.encode('utf-8', 'surrogateescape')
 
 
 @dataclass(frozen=True)
@@ -290,7 +227,7 @@ class PtxFile(CloudFile):
         stream.seek(begin)
         header = stream.read(offset - begin)
         self._scans.append(_GridScan(header, columns * rows, matrix.T[:3], lines))
-        stream.seek(lines.end())
+        stream.seek(lines.measure()[1])
         return width
 
     def _numbers(self, line: bytes, width: int, what: str) -> list[float]:

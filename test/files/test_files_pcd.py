@@ -230,7 +230,7 @@ def test_no_line_end_at_the_end(tmp_path: Path) -> None:
         ('WIDTH 4\n', '', 'must be complete, got no WIDTH'),
         ('WIDTH 4', 'WIDTH four', "WIDTH of {} must be a whole number, got 'four'"),
         ('+0.250', 'zero', 'must be readable, got "could not convert'),
-        ('+0.250', '+0.250 7', 'point 1 of {} must be of 14 numbers, as it says, got 15'),
+        ('+0.250', '+0.250 7', 'point 1 of {} must be of 14 numbers, got 15'),
         ('F F F U', 'Q F F U', 'must be I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, got Q of 4'),
     ],
 )

@@ -220,7 +220,7 @@ def test_times_are_exact_beside_a_row_of_nothing(
     chunk: int,
 ) -> None:
     """A missing return without time and line rounds neither time nor line of the others."""
-    modules = {'csv': 'text'}
+    modules = {'csv': 'rows'}
     monkeypatch.setattr(f'lidar_outlier_filter.files.{modules.get(suffix, suffix)}.CHUNK', chunk)
     times = [EXACT + i for i in range(10)]
     rings = [2**53 + 1 + i for i in range(10)]

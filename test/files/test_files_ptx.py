@@ -124,7 +124,7 @@ def test_no_columns_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ('1 0 0 0\n', '1 0 nan 0\n', 'the pose of scan 1 of .* must be of 4 finite numbers'),
         ('3 1\r\n', '3 2\r\n', 'the matrix of scan 2 of'),
         ('1 2 3 0.125', '1 2 3', 'the first point of scan 1 of .* must be of 4 or 7 numbers'),
-        ('7 8 9 0', '7 8 9', 'point 6 of .* must be of 4 numbers, as it says, got 3'),
+        ('7 8 9 0', '7 8 9', 'point 6 of .* must be of 4 numbers, got 3'),
     ],
 )
 def test_what_makes_no_sense(tmp_path: Path, old: str, new: str, sentence: str) -> None:

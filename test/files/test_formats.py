@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 EXACT = [kind for kind in FORMATS if kind not in {'laz', 'pcd binary_compressed', 'e57', 'db'}]
-MODULES = ('rows', 'las', 'e57', 'text', 'parquet', 'sqlite')
+MODULES = ('rows', 'las', 'e57', 'parquet', 'sqlite')
 
 
 @pytest.fixture

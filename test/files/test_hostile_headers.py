@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import laspy
 import pytest
-from helpers.cloud_files import columns, copied
+from helpers.cloud_files import columns
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.cloud_file import Change, check_points, open_cloud
+from lidar_outlier_filter.files.cloud_file import check_points, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ PCD = (
     'FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {0}\nHEIGHT 1\nPOINTS {0}\nDATA {1}\n'
 )
 PLY = (
-    'ply\nformat {1} 1.0\n{2}element vertex {0}\nproperty float x\nproperty float y\n'
-    'property float z\n{3}end_header\n'
+    'ply\nformat {1} 1.0\nelement vertex {0}\nproperty float x\nproperty float y\n'
+    'property float z\n{2}end_header\n'
 )
 
 
@@ -210,48 +210,6 @@ def test_sizes_of_a_compressed_pcd(tmp_path: Path, packed: int, size: int, sente
     refused(path, sentence)
 
 
-@pytest.mark.parametrize('form', ['ascii', 'binary_little_endian', 'binary_big_endian'])
-@pytest.mark.parametrize(
-    'element',
-    [
-        'element q 20000000000\n',
-        'element q 20000000000\nproperty double a\n',
-        'element q 20000000000\nproperty list uchar double a\n',
-        'element q 3000\nproperty list uint double a\n',
-        'element q -1\nproperty list uchar double a\n',
-        'element q 1\nproperty list float double a\n',
-        'element q 1\nproperty bogus a\n',
-        'property float a\n',
-    ],
-)
-def test_elements_before_the_vertices(tmp_path: Path, form: str, element: str) -> None:
-    """No loop runs over elements that do not fit into the file."""
-    path = tmp_path / 'cloud.ply'
-    path.write_bytes(PLY.format(COUNT, form, element, '').encode() + rows())
-    refused(path)
-
-
-@pytest.mark.parametrize('form', ['ascii', 'binary_little_endian'])
-def test_elements_behind_the_vertices(tmp_path: Path, form: str) -> None:
-    """Elements behind the vertices have room behind them, or the count is refused."""
-    path = tmp_path / 'cloud.ply'
-    behind = 'element q 2\nproperty int a\n'
-    data = texts(COUNT).encode() + b'1\n2\n' if form == 'ascii' else rows() + bytes(8)
-    path.write_bytes(PLY.format(COUNT, form, '', behind).encode() + data)
-    assert len(columns(path)[0]) == COUNT
-    assert copied(path, Change()).read_bytes() == path.read_bytes()
-    if form != 'ascii':
-        path.write_bytes(PLY.format(COUNT, form, '', behind).encode() + rows())
-        refused(path)
-
-
-def test_vertices_without_properties(tmp_path: Path) -> None:
-    """A vertex without properties has no size."""
-    path = tmp_path / 'cloud.ply'
-    path.write_bytes(b'ply\nformat binary_little_endian 1.0\nelement vertex 3\nend_header\n')
-    refused(path, 'must be with properties, got none')
-
-
 @pytest.mark.parametrize('make', [lambda names: PCD.replace('x y z', names), None])
 def test_many_names(tmp_path: Path, make: Callable[[str], str] | None) -> None:
     """A header of a megabyte costs no more time than its length."""
@@ -264,7 +222,7 @@ def test_many_names(tmp_path: Path, make: Callable[[str], str] | None) -> None:
         )
         text = text.replace('COUNT 1', 'COUNT' + ' 1' * 29_999)
     else:
-        text = PLY.format(1, 'ascii', '', ''.join(f'property float {n}\n' for n in [*names, 'n0']))
+        text = PLY.format(1, 'ascii', ''.join(f'property float {n}\n' for n in [*names, 'n0']))
     path.write_text(text)
     refused(path, 'must be of different names, got n0')
 
