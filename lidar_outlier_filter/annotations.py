@@ -26,5 +26,5 @@ Rows = NDArray[np.void]  # of a structured array
 Columns = Mapping[str, NDArray[Any]]  # of a file; masked where a whole number is missing
 Triple = tuple[float, float, float]
 
-Allocate = Callable[[tuple[int, ...]], Floats]  # an array of a shape, in memory or in a file
+Allocate = Callable[..., Any]  # an array of a shape and a type, in memory or in a file
 Progress = Callable[[int, int, str], object]  # so many of so many are done, and of what; may leave

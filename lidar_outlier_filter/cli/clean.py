@@ -81,9 +81,9 @@ def add_clean(commands: Commands) -> None:
         type=float,
         default=0.0,
         metavar='METRES',
-        help='judge the cloud in square tiles of this side, to save memory; a tile should hold '
-        'about a million points. The verdicts are those of one piece, which is the default (0); '
-        'those of quadric depend on the side',
+        help='keep large arrays in files, for clouds larger than memory; quadric judges in square '
+        'tiles of this side, and its verdicts depend on it; a tile should hold about a million '
+        'points. Default: 0, in memory',
     )
     add(
         '--columns',

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import DTypeLike, NDArray
 
     from lidar_outlier_filter.annotations import Allocate, Progress
     from lidar_outlier_filter.core.engine.slow import SaySlow
@@ -205,7 +205,7 @@ def _enough_memory(file: CloudFile) -> Iterator[None]:
     try:
         yield
     except MemoryError as err:
-        must_be = 'small enough for the memory, or judged in tiles (--tile)'
+        must_be = 'small enough for the memory, or judged in files (--tile)'
         raise CloudError(f'the cloud {file.path}', must_be, f'{len(file)} points') from err
 
 
@@ -348,7 +348,7 @@ def _versions() -> dict[str, str]:
 
 @contextmanager
 def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
-    """Give what makes arrays: in memory or, for tiles, in files beside the output."""
+    """Give what makes large arrays: in memory or, for --tile, in files beside the output."""
     if not 0 <= tile < np.inf:
         raise ParameterError('--tile', 'at least 0 and finite', tile)
     if tile == 0:
@@ -357,10 +357,12 @@ def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
     with hidden_folder(output, 'points') as folder:
         numbers = count()
 
-        def allocate(shape: tuple[int, ...]) -> NDArray[np.float64]:
+        def allocate(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
             path = folder / str(next(numbers))
-            _reserve(path, 8 * math.prod(shape))
-            return np.asarray(np.memmap(path, np.float64, 'r+', shape=shape))
+            _reserve(path, np.dtype(dtype).itemsize * math.prod(shape))
+            array = np.memmap(path, dtype, 'r+', shape=shape)
+            path.unlink()  # the disk has room again as soon as the array is no longer used
+            return np.asarray(array)
 
         yield allocate
 
@@ -373,5 +375,5 @@ def _reserve(path: Path, size: int) -> None:
                 os.posix_fallocate(stream.fileno(), 0, size)
             stream.truncate(max(1, size))
     except OSError as err:
-        must_be = f'able to hold {size} bytes beside the output, for the tiles'
+        must_be = f'able to hold {size} bytes beside the output, for --tile'
         raise CloudError('the disk', must_be, f'"{err.strerror}"') from err

@@ -14,8 +14,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
-from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
-from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_large, judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS
@@ -54,7 +53,8 @@ class CleanOptions:
         'separate': the same, and a file with the rejected ones
     coordinates : two or three columns; empty: x, y and z
     table : the table of a database; None: the only one
-    tile : side of the square tiles that the cloud is judged in, metres; 0: in one piece
+    tile : 0: the cloud is judged in memory; else in files, and by ``quadric`` in square tiles of
+        this side, metres
     mark : 'class': rejected LAS points become class 7; 'noise': 7 or 18, as they are lower or
         higher than the kept points around; 'withheld': they get this flag
     strips : whether the points of each ``point_source_id`` are judged separately
@@ -195,14 +195,10 @@ def _judge(  # noqa: PLR0913  where to, and two callbacks
     progress: Progress,
     slow: SaySlow | None,
 ) -> Verdict:
-    """Judge the valid points in one piece or in tiles; a turn of a spinning sensor in one piece."""
-    if tile > 0 and cloud.ring is None:
-
-        def show(done: int, total: int) -> None:
-            progress(done, total, 'judging')
-
-        return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
+    """Judge the valid points in memory or in files; a turn of a spinning sensor in memory."""
     progress(0, 0, 'judging')
+    if tile > 0 and cloud.ring is None:
+        return judge_large(cloud, parameters, tile, allocate, slow)
     return judge_whole(cloud, parameters, slow=slow)
 
 

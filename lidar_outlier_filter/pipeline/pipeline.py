@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Tiled
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
@@ -420,7 +419,7 @@ class Pipeline:
 def _line_chain(chain: Chain) -> Chain | None:
     """Return the chain of the detectors that judge each line by itself; None if there is none."""
     parameters = chain.parameters
-    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
+    names = tuple(name for name in parameters.chain if DETECTORS[name].lines == 'needs')
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))

@@ -208,7 +208,7 @@ def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Dr
 def _judge(scene: _SceneSeen, trees: Trees, odds: Singles | None) -> Singles:
     """Say of each point what a pass says: the second only of those that are not clearly good."""
     if odds is None:
-        return first_odds(neighbours(scene.hood, scene.around), trees)[0]
+        return first_odds(neighbours(scene.hood, scene.around), trees)
     which, result = np.flatnonzero(odds > DOUBTFUL), odds.copy()
     total = np.empty(len(which), np.float32)
     add_up(trees, _values(scene, which, odds), total)

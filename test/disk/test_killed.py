@@ -120,16 +120,14 @@ def test_full_disk(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == set(paths)
 
 
-def test_full_disk_of_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Room for the tiles is taken before it is used: writing beyond it would kill the process."""
+def test_full_disk_of_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Room for the arrays is taken before it is used: writing beyond it would kill the process."""
 
     def full(*_: int) -> None:
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(os, 'posix_fallocate', full)
-    sentence = (
-        'must be able to hold 2400 bytes beside the output, for the tiles, got "No space left'
-    )
+    sentence = 'must be able to hold 2400 bytes beside the output, for --tile, got "No space left'
     with pytest.raises(CloudError, match=sentence), _scratch(tmp_path / 'out.las', 1.0) as allocate:
         allocate((100, 3))
     assert list(tmp_path.iterdir()) == []

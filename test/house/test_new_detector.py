@@ -15,7 +15,7 @@ from helpers.detectors import BITS, added
 from helpers.strangers import EXAMPLE
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, resolve
+from lidar_outlier_filter.core.detectors.declaration import Detector, resolve
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.thresholds import threshold
@@ -30,10 +30,11 @@ from lidar_outlier_filter.report.colours import colour
 from lidar_outlier_filter.tuning.search_space import searches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 BIT = 128
@@ -68,21 +69,19 @@ def _measure(neighbourhood: Neighbourhood, parameters: FilterParameters) -> Floa
     return result
 
 
-def _score(measured: Floats, _range: Callable[[], Floats], parameters: FilterParameters) -> Scores:
+def _score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    measured = _measure(seen.neighbourhood, parameters)
     extra = np.where(measured > 10, np.uint16(EXTRA), np.uint16(0))
     return Scores(measured / parameters.of(Toy).limit, extra)
-
-
-MEASURED = Measured(_measure, _score, steps=1)
 
 
 TOY = Detector(
     name='toy',
     bit=BIT,
     section=Toy,
-    score=MEASURED.detect,
+    score=_score,
     neighbours=_rank,
-    tiled=MEASURED,
+    large='files',
     rejects='has no other beside it',
 )
 
@@ -153,7 +152,7 @@ def test_parameters(tmp_path: Path) -> None:
 @pytest.mark.usefixtures('toy')
 @pytest.mark.parametrize('tile', ['0', '2'])
 def test_a_file(tmp_path: Path, tile: str) -> None:
-    """A file is cleaned by it, in one piece and in tiles."""
+    """A file is cleaned by it, in memory and in files."""
     points = scattered()
     path = tmp_path / 'cloud.csv'
     np.savetxt(path, points.xyz, '%.17g', ',', header='x,y,z', comments='')

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
-from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.detectors.lof.parameters import Lof
@@ -25,7 +25,7 @@ _EVERY = (
         section=AlphaBetaGamma,
         score=f'{__package__}.alpha_beta_gamma.detector:score',
         lines='needs',
-        tiled=Tiled.BY_LINE,
+        large='files',
         rejects='is improbable after the points before and behind it in its line segment',
     ),
     Detector(
@@ -34,7 +34,7 @@ _EVERY = (
         section=Quadric,
         score=f'{__package__}.quadric.detector:score',
         neighbours=lambda parameters: parameters.of(Quadric).list_length,
-        tiled=Tiled.WITH_HALO,
+        large='tiles',
         rejects='lies on none of the planes, paraboloids or quadrics through its neighbourhood: '
         '`window: section` tests all points of a section at once, `patch` each in its own patch',
     ),
@@ -42,9 +42,9 @@ _EVERY = (
         name='lof',
         bit=4,
         section=Lof,
-        score=f'{__package__}.lof.detector:MEASURED.detect',
+        score=f'{__package__}.lof.detector:score',
         neighbours=lambda parameters: parameters.of(Lof).min_pts,
-        tiled=f'{__package__}.lof.detector:MEASURED',
+        large='files',
         rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
         'LOF2)',
     ),
@@ -52,9 +52,9 @@ _EVERY = (
         name='sor',
         bit=8,
         section=Sor,
-        score=f'{__package__}.sor.detector:MEASURED.detect',
+        score=f'{__package__}.sor.detector:score',
         neighbours=lambda parameters: parameters.of(Sor).list_length,
-        tiled=f'{__package__}.sor.detector:MEASURED',
+        large='files',
         rejects='is too far from its nearest neighbours: statistical (`sor`, `sor2`), or by '
         '`radius`; both may grow with the range (DSOR, DROR)',
     ),
@@ -82,7 +82,7 @@ _EVERY = (
         score=f'{__package__}.boosted_trees.methods:detect',
         lines='uses',
         columns=lambda parameters: parameters.of(BoostedTrees).columns,
-        tiled=f'{__package__}.boosted_trees.methods:REACHING',
+        large='files',
         rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
         'pattern (spinning sensors, and profile scanners with an evenly turning mirror), or else '
         'on its nearest neighbours',

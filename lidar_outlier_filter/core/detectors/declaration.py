@@ -8,7 +8,6 @@ Declarations are read wherever parameters are, so they import no kernel: ``score
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from functools import cache
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,75 +15,10 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.scores import Scores
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.declaration import Section
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-
-class Tiled(Enum):
-    """How a detector judges a cloud that is too large for one piece."""
-
-    BY_LINE = 'each scan line by itself, whatever tiles it crosses'
-    WITH_HALO = 'each tile with its halo, so that the verdict depends on the tiles'
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A detector that measures each point by its nearest neighbours, and then compares all.
-
-    In tiles it gives the verdict of the cloud in one piece, bit for bit.
-
-    Attributes
-    ----------
-    measure : of a neighbourhood
-        Gives (N,) float64 in the order of the points.
-    score : of the measures of all points
-        The second argument gives their distances from the sensor, metres, when it is called.
-    steps : int
-        Steps to a neighbour that lead to all that the measure of a point depends on.
-    by_place : bool
-        Whether points that coincide are measured by the nearest other places with points.
-
-    """
-
-    measure: Callable[[Neighbourhood, FilterParameters], Floats]
-    score: Callable[[Floats, Callable[[], Floats], FilterParameters], Scores]
-    steps: int
-    by_place: bool = False
-
-    def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
-        """Detect in one piece."""
-        measured = self.measure(seen.neighbourhood, parameters)
-        return self.score(measured, lambda: seen.points.range, parameters)
-
-
-@dataclass(frozen=True)
-class Reaching:
-    """A detector that measures each point by what is near it, and says how far it looked.
-
-    In tiles it gives the verdict of the cloud in one piece, bit for bit.
-
-    Attributes
-    ----------
-    prepare : of all coordinates, metres, and of which of them there are
-        Gives what the measure of every point depends on, besides what is near it.
-    measure : of coordinates (N, 3), metres, which of them are wanted, and what was prepared
-        Gives (N,) float64, and within what distance of each point all else is that it depends on.
-        What it gives of points that are not wanted means nothing.
-    score : of the measures of all points
-    reach : of nothing
-        Gives two numbers, of neighbours and of steps: what a measure depends on is within so many
-        steps, each to one of so many nearest places.
-
-    """
-
-    prepare: Callable[[Floats, Ints, FilterParameters], Any]
-    measure: Callable[[Floats, Bools, Any, FilterParameters], tuple[Floats, Floats]]
-    score: Callable[[Floats, FilterParameters], Scores]
-    reach: Callable[[], tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -110,8 +44,9 @@ class Detector:
         ``'no'``.
     columns : function of the filter's parameters
         What else it reads of a cloud: ``'intensity'``; ``'ring'``: rings are recovered if needed.
-    tiled : how it judges a cloud in tiles, or the name of that, 'module:object'
-        None: it must see all points at once.
+    large : str
+        How it judges a cloud that is larger than memory. ``'files'``: in one piece, with its
+        largest arrays in files; ``'tiles'``: each tile with a halo; ``'no'``: not at all.
 
     """
 
@@ -123,7 +58,7 @@ class Detector:
     neighbours: Callable[[FilterParameters], int] = lambda _: 0
     lines: Literal['no', 'uses', 'needs'] = 'no'
     columns: Callable[[FilterParameters], Collection[str]] = lambda _: ()
-    tiled: Tiled | Measured | Reaching | str | None = None
+    large: Literal['files', 'tiles', 'no'] = 'no'
 
     def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
         """Score every point."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Allocate
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.points.scan_lines import Lines
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -35,6 +36,7 @@ class DetectorInput:
     threads : at most so many at once; 0: as many as there are cores
     gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
     whole : whether they are all of a cloud, no part of a stream
+    allocate : returns large arrays, in memory or in files
 
     """
 
@@ -46,6 +48,7 @@ class DetectorInput:
         neighbourhood: Neighbourhood | None = None,
         *,
         whole: bool = False,
+        allocate: Allocate = np.empty,
     ) -> None:
         """Take points.
 
@@ -56,12 +59,13 @@ class DetectorInput:
         neighbours : the most that a detector will ask for, at least 1
         neighbourhood : of these points, where it is known already
         whole : whether they are all of a cloud
+        allocate : returns large arrays, in memory or in files
 
         """
         self.points = points
         self.threads = parameters.threads
         self.gap_factor = parameters.gap_factor
-        self.whole = whole
+        self.whole, self.allocate = whole, allocate
         self._parameters, self._neighbours = parameters, neighbours
         self._neighbourhood = neighbourhood
         self._known: dict[Hashable, Any] = {}
@@ -70,7 +74,9 @@ class DetectorInput:
     def neighbourhood(self) -> Neighbourhood:
         """The neighbours of the points, made when a detector first asks for them."""
         if self._neighbourhood is None:
-            self._neighbourhood = Neighbourhood(self.points.xyz, self._neighbours, self.threads)
+            self._neighbourhood = Neighbourhood(
+                self.points.xyz, self._neighbours, self.threads, self.allocate
+            )
         return self._neighbourhood
 
     def cached(self, name: Hashable, find: Callable[[], Known]) -> Known:
@@ -87,8 +93,15 @@ class DetectorInput:
         """Return what is left; what is known of its neighbourhood is kept."""
         known = self._neighbourhood
         known = None if known is None else known.without(rejected)
-        left = self.points.take(np.flatnonzero(~rejected))
-        return DetectorInput(left, self._parameters, self._neighbours, known, whole=self.whole)
+        left = self.points.take(np.flatnonzero(~rejected), self.allocate)
+        return DetectorInput(
+            left,
+            self._parameters,
+            self._neighbours,
+            known,
+            whole=self.whole,
+            allocate=self.allocate,
+        )
 
     def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:
         """Give scan lines, some at a time, to a detector that judges each line by itself.

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 GROUP = 'lidar_outlier_filter.detectors'  # of entry points
 LINES = ('no', 'uses', 'needs')
+LARGE = ('files', 'tiles', 'no')
 
 
 def find_detectors(reserved: Collection[str]) -> Installed:
@@ -142,4 +143,5 @@ _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     'neighbours': (callable, 'a function of the parameters'),
     'lines': (LINES.__contains__, f'one of {", ".join(LINES)}'),
     'columns': (callable, 'a function of the parameters'),
+    'large': (LARGE.__contains__, f'one of {", ".join(LARGE)}'),
 }

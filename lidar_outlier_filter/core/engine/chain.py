@@ -12,12 +12,15 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.slow import watched
+from lidar_outlier_filter.core.engine.tiles import detect_in_tiles
 from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from lidar_outlier_filter.core.detectors.declaration import Detector
+    from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -45,9 +48,8 @@ class Chain:
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
         self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
-        self.see: Callable[..., DetectorInput] = (
-            DetectorInput  # makes what detectors see, of points
-        )
+        self.see: Callable[..., DetectorInput] = DetectorInput
+        self.tile = 0.0  # side, metres, of the tiles of detectors that judge in tiles; 0: none does
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]
@@ -62,7 +64,7 @@ class Chain:
         seen = self.see(points, parameters, self._neighbours, whole=self.whole)
         for detector in self._detectors:
             with watched(detector.name, parameters.max_delay, seen.points, self.slow):
-                found = detector.detect(seen, parameters)
+                found = self._score(detector, seen)
             verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
             self.scaled &= found.scaled
@@ -75,6 +77,17 @@ class Chain:
                     where, seen = where[~rejected], seen.without(rejected)
         verdict.settle(max(parameters.vote, 1))
         return verdict
+
+    def _score(self, detector: Detector, seen: DetectorInput) -> Scores:
+        """Score what one detector sees."""
+        if not self.tile or detector.large != 'tiles':
+            return detector.detect(seen, self.parameters)
+
+        def detect(some: Points) -> Scores:
+            seen = self.see(some, self.parameters, self._neighbours, whole=self.whole)
+            return detector.detect(seen, self.parameters)
+
+        return detect_in_tiles(detect, seen.points, self.tile, self.parameters.max_points)
 
     def compile(self, sensors: Sequence[str] = SENSORS) -> None:
         """Run every detector on a few points of these sensors, so that its kernels are ready."""

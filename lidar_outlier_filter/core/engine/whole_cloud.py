@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cloud that is judged as a whole, in one piece, and what its chain must not need."""
+"""A cloud that is judged as a whole, in memory or in files, and what its chain must not need."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import reads
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, reads
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS, recover_rings
@@ -19,6 +21,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from lidar_outlier_filter.annotations import Allocate
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -89,4 +92,42 @@ def judge_whole(
         chain = chain or Chain(parameters)
         chain.slow, chain.whole = slow, True
         verdict.put(where, chain.judge(cloud.take(where)))
+    return verdict
+
+
+def judge_large(
+    cloud: Points,
+    parameters: FilterParameters,
+    tile: float,
+    allocate: Allocate,
+    slow: SaySlow | None = None,
+) -> Verdict:
+    """Judge the valid points of a cloud that is larger than memory; the others stay untested.
+
+    Verdicts are those of :func:`judge_whole`, except for detectors that judge in tiles.
+
+    Parameters
+    ----------
+    cloud : N points, whose coordinates may be a file
+    parameters : of the filter
+    tile : side of a tile, metres
+    allocate : returns an array of a shape and a type that is a file
+    slow : called while a detector takes too long
+
+    Raises
+    ------
+    ParameterError
+        If a detector of the chain needs all points in memory.
+    CloudError
+        If a tile with its halo has more than ``max_points``.
+
+    """
+    for name in parameters.chain:
+        if DETECTORS[name].large == 'no':
+            raise ParameterError('chain', f'without {name} where there are tiles', name)
+    chain = Chain(parameters, whole=True)
+    chain.slow, chain.tile, chain.see = slow, tile, partial(DetectorInput, allocate=allocate)
+    verdict, where = Verdict.beforehand(cloud), np.flatnonzero(cloud.valid)
+    if len(where):
+        verdict.put(where, chain.judge(cloud.take(where, allocate)))
     return verdict

@@ -16,7 +16,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
+    from lidar_outlier_filter.annotations import Allocate, Bools, Floats, Index, Ints
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 
@@ -26,6 +26,7 @@ COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
 MOST_POINTS = 2**31 - 1  # their indices are int32
 # What a thread takes at once, about a millisecond: leaves where all points are wanted, and rows.
 LEAVES, ROWS = 64, 1 << 14
+PART = 1 << 20  # points whose coordinates are checked at once
 # Up to this share it pays to keep the lists that are still right. Measured on the simulated street,
 # k = 20, points rejected at random: of 1 %, keeping takes 0.4 times as long as searching all again,
 # of 3 %, 0.65, of 10 %, 1.07, because then 88 % of the lists have lost a point.
@@ -68,7 +69,9 @@ class Neighbourhood:
     point are held, and 4 more for each neighbour.
     """
 
-    def __init__(self, xyz: Floats, most: int, threads: int = 0) -> None:
+    def __init__(
+        self, xyz: Floats, most: int, threads: int = 0, allocate: Allocate = np.empty
+    ) -> None:
         """Take points; nothing is built yet.
 
         Parameters
@@ -79,6 +82,8 @@ class Neighbourhood:
             The largest number of neighbours that will be asked for, at least 1.
         threads : int
             At most so many at once; 0 for as many as there are cores.
+        allocate : callable
+            Returns the arrays of coordinates and of lists, in memory or in files.
 
         """
         xyz = np.asarray(xyz, np.float64)
@@ -93,6 +98,7 @@ class Neighbourhood:
             raise FilterError('threads', 'at least 0', threads)
         self._given = _in_multiples(xyz)
         self._count, self._most, self._threads = len(xyz), most, threads
+        self._allocate = allocate
         self._sorted: _Sorted | None = None
         self._nearest: Nearest | None = None
 
@@ -135,7 +141,7 @@ class Neighbourhood:
         if not 1 <= k <= most:
             raise FilterError('the number of neighbours', f'1 to {most}', k)
         if self._nearest is None:
-            nearest = _empty_lists(self._count, most)
+            nearest = self._empty_lists(self._count, most)
             self._search(nearest, np.ones(self._count, np.bool_))
             self._nearest = nearest
         nearest = self._nearest
@@ -166,11 +172,12 @@ class Neighbourhood:
             raise FilterError('rejected points', f'({self._count},) of bool', got)
         given, old = self._given, self._sorted
         if old is None:
-            return Neighbourhood(given[~rejected], self._most, self._threads)
+            return Neighbourhood(given[~rejected], self._most, self._threads, self._allocate)
         kept = ~rejected[old.order]
         left = np.flatnonzero(kept)
-        xyz = np.take(old.xyz, left, axis=0)
-        result = Neighbourhood(xyz, self._most, self._threads)
+        xyz = self._allocate((len(left), 3), np.float64)
+        np.take(old.xyz, left, axis=0, out=xyz, mode='clip')  # other modes make a copy
+        result = Neighbourhood(xyz, self._most, self._threads, self._allocate)
         number = np.cumsum(~rejected) - 1
         result._sorted = _Sorted(number[old.order[left]], xyz, prune(old.tree, kept, xyz))
         result._given = xyz[:0]
@@ -286,7 +293,7 @@ class Neighbourhood:
         given = self._given
         # Two threads may both come here, and then both build the same.
         if self._sorted is None:
-            order, xyz, tree = build(np.ascontiguousarray(given), self._threads)
+            order, xyz, tree = build(given, self._threads, self._allocate)
             self._sorted = _Sorted(order.astype(np.int64), xyz, tree)
             self._given = given[:0]
         return self._sorted
@@ -306,7 +313,7 @@ class Neighbourhood:
 
     def _carry_over(self, result: Neighbourhood, kept: Bools) -> Nearest:
         """Give the lists of this neighbourhood to one of fewer points, and mend them."""
-        old, nearest = self.nearest(self._most), _empty_lists(len(result), self._most)
+        old, nearest = self.nearest(self._most), self._empty_lists(len(result), self._most)
         new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
         wanted = np.empty(len(result), np.bool_)
         self._in_threads(
@@ -321,6 +328,9 @@ class Neighbourhood:
         _, xyz, tree = self._build()
         return xyz, tree, tree_steps.height(tree)
 
+    def _empty_lists(self, count: int, k: int) -> Nearest:
+        return Nearest(self._allocate((count, k), np.int32), np.empty(count, np.bool_))
+
     def _in_threads(self, work: Callable[[int, int], None], count: int) -> None:
         pool.run(work, count, ROWS, self._threads)
 
@@ -331,11 +341,7 @@ def _in_multiples(xyz: Floats) -> Floats:
     Else thousands of points might be at distance 0 from each other, and still not at one place.
     No box of the tree could hold them as one, and every search would look at all of them.
     """
-    size = np.abs(xyz)
-    if not ((size < COARSE) & (size > 0)).any():
+    parts = (np.abs(xyz[begin : begin + PART]) for begin in range(0, len(xyz), PART))
+    if not any(((size < COARSE) & (size > 0)).any() for size in parts):
         return xyz
     return np.rint(xyz / FINEST) * FINEST
-
-
-def _empty_lists(count: int, k: int) -> Nearest:
-    return Nearest(np.empty((count, k), np.int32), np.empty(count, np.bool_))

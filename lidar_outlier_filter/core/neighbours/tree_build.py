@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, medi
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Index, Ints
+    from lidar_outlier_filter.annotations import Allocate, Floats, Index, Ints
 
 LEAF = 24  # points
 SUBTREE = 1 << 15  # points that are sorted at one go, by one thread in its own cache
@@ -71,15 +71,19 @@ class _Part(NamedTuple):
     patience: int
 
 
-def build(xyz: Floats, threads: int = 0) -> tuple[Index, Floats, Tree]:
+def build(
+    xyz: Floats, threads: int = 0, allocate: Allocate = np.empty
+) -> tuple[Index, Floats, Tree]:
     """Sort points into a tree.
 
     Parameters
     ----------
     xyz : (N, 3) float64
-        Finite, metres; contiguous.
+        Finite, metres.
     threads : int
         0 for all cores; the tree does not depend on it.
+    allocate : callable
+        Returns arrays, in memory or in files.
 
     Returns
     -------
@@ -93,7 +97,9 @@ def build(xyz: Floats, threads: int = 0) -> tuple[Index, Floats, Tree]:
     """
     count = len(xyz)
     index = np.arange(count, dtype=np.int32)
-    buffers = _Buffers(xyz.copy(), np.empty_like(xyz), index, np.empty_like(index))
+    a, b = allocate((count, 3), np.float64), allocate((count, 3), np.float64)
+    a[:] = xyz
+    buffers = _Buffers(a, b, index, np.empty_like(index))
     nodes, parts = _divide(buffers, threads)
 
     def grow(which: int, _: int) -> Tree:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Allocate
+
 SECOND = 1_000_000_000  # nanoseconds
 # Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What
 # is beyond was never measured: memory that nobody has set, the wrong order of bytes.
@@ -86,17 +88,19 @@ class Points:
         """The same points in the sensor's own frame; themselves where they are in it."""
         return self if self.own is None else replace(self, xyz=self.own, own=None)
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
-        """Choose points by index, mask or slice, in that order."""
+    def take(
+        self, index: NDArray[np.intp] | NDArray[np.bool_] | slice, allocate: Allocate = np.empty
+    ) -> Points:
+        """Choose points by index, mask or slice, in that order; ``allocate`` makes coordinates."""
         if not isinstance(index, slice) and index.dtype == np.bool_:
             index = np.flatnonzero(index)
         return Points(
-            _rows(self.xyz, index),
+            _rows(self.xyz, index, allocate),
             self.t[index],
             self.line[index],
             self.valid[index],
             None if self.sigma is None else self.sigma[index],
-            None if self.own is None else _rows(self.own, index),
+            None if self.own is None else _rows(self.own, index, allocate),
             None if self.intensity is None else self.intensity[index],
             None if self.ring is None else self.ring[index],
             None if self.fixed is None else self.fixed[index],
@@ -105,10 +109,17 @@ class Points:
 
 
 def _rows(
-    xyz: NDArray[np.float64], index: NDArray[np.intp] | NDArray[np.bool_] | slice
+    xyz: NDArray[np.float64],
+    index: NDArray[np.intp] | NDArray[np.bool_] | slice,
+    allocate: Allocate,
 ) -> NDArray[np.float64]:
     """Choose rows of three: indexing takes four times as long."""
-    return xyz[index] if isinstance(index, slice) else np.take(xyz, index, axis=0)
+    if isinstance(index, slice):
+        return xyz[index]
+    if allocate is np.empty:
+        return np.take(xyz, index, axis=0)
+    rows: NDArray[np.float64] = allocate((len(index), 3), xyz.dtype)
+    return np.take(xyz, index, axis=0, out=rows, mode='clip')  # other modes make a copy
 
 
 def missing(count: int) -> Points:

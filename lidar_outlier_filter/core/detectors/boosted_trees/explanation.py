@@ -181,7 +181,7 @@ def _of_places(xyz: Floats, wanted: Bools, threads: int) -> tuple[Singles, Singl
         return added, average
     hood = Neighbourhood(xyz, K, threads)
     near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), threads))
-    first, _ = survey.first_odds(near, model.first, threads)
+    first = survey.first_odds(near, model.first, threads)
     which = np.flatnonzero(wanted[hood.order])  # in tree order
     again = first[which] > np.float32(model.doubtful)
     added[: len(near_names), ~again] = _added(model.first, survey.near_values(near, which[~again]))

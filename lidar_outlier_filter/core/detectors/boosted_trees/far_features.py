@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.boosted_trees.near_features import Near
 
 MOST, SOME = 60, 20  # neighbours
-STEPS = 3  # to any of them, and from there to any of theirs, lead to all that counts
 DENSE = 5  # rank of the neighbour that is dense, from 0
 GAP = 2.0  # S: a longer distance ends a group
 SORT_SOME, SORT_MOST = network(SOME, range(SOME)), network(MOST, range(MOST))

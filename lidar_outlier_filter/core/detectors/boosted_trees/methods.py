@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees import far_features as far
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
-from lidar_outlier_filter.core.detectors.declaration import Reaching
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines
@@ -91,21 +89,8 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         return Scores(np.full(len(points), np.nan), scaled=True, way=method.value)
     if found is None:
         around = look_around(points.xyz, np.arange(len(points)), parameters.threads)
-        odds, _ = survey.measure(points.xyz, around, parameters.threads)
+        odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
         return Scores(survey.score(odds, threshold), scaled=True, way=method.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
     return Scores(score, reason=reason, scaled=True, way=method.value)
-
-
-# Without scan lines, as in tiles.
-REACHING = Reaching(
-    lambda xyz, where, parameters: look_around(xyz, where, parameters.threads),
-    lambda xyz, wanted, around, parameters: survey.measure(xyz, around, parameters.threads, wanted),
-    lambda odds, parameters: Scores(
-        survey.score(odds, parameters.of(BoostedTrees).threshold),
-        scaled=True,
-        way=Method.NEIGHBOURS.value,
-    ),
-    lambda: (far.MOST, far.STEPS),
-)

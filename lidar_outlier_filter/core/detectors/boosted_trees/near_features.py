@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.neighbours.floor import write_depth
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 FEW = 3  # of them
@@ -60,9 +60,8 @@ class Near(NamedTuple):
         Distance to the eighth, metres.
     around : Floor
         What the whole cloud is like.
-    reach_bound : (N,) float64
-        Of some points in large components: how far what :func:`write_reach_bounds` looked at may
-        be, metres. NaN of all others.
+    is_large : (N,) bool
+        Points that :func:`write_large_components` found in components of more than sixty others.
 
     """
 
@@ -70,7 +69,7 @@ class Near(NamedTuple):
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     radius: Floats
     around: Floor
-    reach_bound: Floats
+    is_large: Bools
 
 
 class NearBuffers(NamedTuple):
@@ -87,8 +86,6 @@ class NearBuffers(NamedTuple):
     work : (K, LANES) float64
     moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
         Of a plane.
-    extent : (LANES,) float64
-        How far what counts may be from the point, metres.
     reached : (ROOM,) int64
         Points that steps lead to, in the order in which they were found.
     table : (TABLE + 1,) int64
@@ -105,7 +102,6 @@ class NearBuffers(NamedTuple):
     mean: Floats
     value: Floats
     vector: Floats
-    extent: Floats
     reached: Ints
     table: Ints
 
@@ -119,28 +115,17 @@ def make_buffers() -> NearBuffers:
         np.empty((3, K, LANES)),
         *(lists[0], lists[1], lists[2]),
         *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
-        *(np.empty(LANES), np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
+        *(np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
     )
 
 
 @kernel
-def write_reach_bounds(near: Near, looked_at: Ints, reach_bound: Floats) -> None:
-    """Write how far what leads from some points to more than sixty others may be, where it does.
-
-    Parameters
-    ----------
-    near : without any bound
-    looked_at : (M,) int64
-        The points.
-    reach_bound : (N,) float64
-        Is written where there is one.
-
-    """
+def write_large_components(near: Near, which: Ints, is_large: Bools) -> None:
+    """Write which of some points lead to more than sixty others; ``near`` marks none yet."""
     buffers = make_buffers()
-    for p in looked_at:
-        _, size = _count_steps(near, p, 0, buffers)
-        if size == LARGEST_COMPONENT:
-            reach_bound[p] = buffers.extent[0]
+    for p in which:
+        _, size = _count_steps(near, p, buffers)
+        is_large[p] = size == LARGEST_COMPONENT
 
 
 @inner_kernel
@@ -149,9 +134,7 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
     for lane in range(LANES):
         p = points[lane]
         gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
-        values[ROW.steps2, lane], values[ROW.component_size, lane] = _count_steps(
-            near, p, lane, buffers
-        )
+        values[ROW.steps2, lane], values[ROW.component_size, lane] = _count_steps(near, p, buffers)
         values[ROW.rare, lane] = near.radius[p] / near.around.typical
         x, y, z = near.xyz[p, 0], near.xyz[p, 1], near.xyz[p, 2]
         write_depth(near.around, x, y, z, ROW.deep, lane, values)
@@ -206,7 +189,7 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 
 
 @inner_kernel
-def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[int, int]:
+def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
     Of the points that so many steps lead to, those found last are taken first: they are far out,
@@ -217,48 +200,32 @@ def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[i
     table[TABLE] += MARK
     mark, count, done = table[TABLE], 1, 0
     _put(table, mark, mark + p)
-    reached[0], buffers.extent[lane] = p, 0.0
+    reached[0] = p
     while done < min(count, K + 1):
-        count = _step(near, p, reached[done], count, mark, lane, buffers)
+        count = _step(near, reached[done], count, mark, buffers)
         done += 1
     two, begin, end, at = count - 1, done, count, count
     # What leads to a point leads to all that this one leads to.
     for i in range(count):
-        o = reached[i]
-        if not np.isnan(near.reach_bound[o]):
-            covered = _distance(near.xyz, p, o) + near.reach_bound[o]
-            buffers.extent[lane] = max(buffers.extent[lane], covered)
+        if near.is_large[reached[i]]:
             return two, LARGEST_COMPONENT
     while begin < at and count < LARGEST_COMPONENT:
         at -= 1
-        count = _step(near, p, reached[at], count, mark, lane, buffers)
+        count = _step(near, reached[at], count, mark, buffers)
         if at == begin:
             begin, end, at = end, count, count
     return two, min(count, LARGEST_COMPONENT)
 
 
 @inner_kernel
-def _step(
-    near: Near, p: int, one: int, count: int, mark: int, lane: int, buffers: NearBuffers
-) -> int:
-    """Put the neighbours of a point that were not reached before behind so many that were.
-
-    Return how many these are now; the extent of p becomes such that it covers the step.
-    """
+def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> int:
+    """Append the neighbours of a point that were not reached before; return the new count."""
     for m in range(K):
         o = near.index[one, m]
         # Without a branch: nobody can predict which points are new.
         buffers.reached[count] = o
         count += _put(buffers.table, mark, mark + o)
-    covered = _distance(near.xyz, p, one) + near.radius[one]
-    buffers.extent[lane] = max(buffers.extent[lane], covered)
     return count
-
-
-@inner_kernel
-def _distance(xyz: Floats, p: int, o: int) -> float:
-    x, y, z = xyz[o, 0] - xyz[p, 0], xyz[o, 1] - xyz[p, 1], xyz[o, 2] - xyz[p, 2]
-    return float(np.sqrt((x * x + y * y) + z * z))
 
 
 @inner_kernel

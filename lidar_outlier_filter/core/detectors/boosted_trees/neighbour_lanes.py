@@ -154,13 +154,3 @@ def write_between(offset: Floats, count: int, work: Floats) -> None:
                 lower, higher = work[low, lane], work[high, lane]
                 work[low, lane] = min(lower, z if found else lower)
                 work[high, lane] = max(higher, z if found else higher)
-
-
-@inner_kernel
-def add_farthest(distance: Floats, radii: Floats, count: int, farthest: Floats) -> None:
-    """Write how far what the first ``count`` neighbours see may be from the points."""
-    for lane in range(len(farthest)):
-        farthest[lane] = 0.0
-    for m in range(count):
-        for lane in range(len(farthest)):
-            farthest[lane] = max(farthest[lane], distance[m, lane] + radii[m, lane])

@@ -18,10 +18,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees import far_features, near
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     Near,
+    write_large_components,
     write_near,
-    write_reach_bounds,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import add_farthest
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     LEAST_LOG_ODDS,
     SURVEY_MODEL,
@@ -37,74 +36,57 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K, find_copies, numbers
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
+    from lidar_outlier_filter.annotations import Allocate, Floats, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
-BOUNDS = 8  # points: of one of so many, the reach bound is found first
+SAMPLED = 8  # points: of one of so many it is found first whether its component is large
 
 
-def measure(
-    xyz: Floats, around: Floor, threads: int = 0, wanted: Bools | None = None
-) -> tuple[Floats, Floats]:
-    """Return the log-odds of N points, and how far away what they depend on may be, metres.
+def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = np.empty) -> Floats:
+    """Return the log-odds of N points.
 
     Parameters
     ----------
     xyz : (N, 3) float64
         Metres, finite; z points up.
     around : Floor
-        What :func:`.look_around` says of the whole cloud that they are of.
+        What :func:`.look_around` finds in the whole cloud.
     threads : at most so many at once; 0 for as many as there are cores
-    wanted : (N,) bool
-        None: all. Of the others it says only what the first trees say.
+    allocate : returns large arrays, in memory or in files
 
     Returns
     -------
-    odds : (N,) float64
-        NaN for all where each has fewer than eight others.
-    reach : (N,) float64
-        Points farther away, in any direction, count for nothing. inf for all where each has fewer
-        than sixty others. Others at the same place count for none.
+    (N,) float64
+        NaN for all where each has fewer than eight others. Others at the same place do not count.
 
     """
-    odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
+    odds = np.full(len(xyz), np.nan)
     if len(xyz) <= K:
-        return odds, reach
-    hood = Neighbourhood(xyz, K, threads)
+        return odds
+    hood = Neighbourhood(xyz, K, threads, allocate)
     copies = find_copies(hood, xyz, K)
     if len(copies) == 0:
-        return _measure(hood, around, wanted)
+        odds[hood.order] = _measure(hood, around)
+        return odds
     alone, (copy, original) = np.ones(len(xyz), np.bool_), copies.T
     alone[copy] = False
-    if np.count_nonzero(alone) <= K:
-        return odds, reach
-    if wanted is not None:
-        asked = wanted.copy()
-        np.logical_or.at(asked, original, wanted[copy])
-        wanted = asked[alone]
-    odds[alone], reach[alone] = _measure(hood.without(~alone), around, wanted)
-    odds[copy], reach[copy] = odds[original], reach[original]
-    return odds, reach
+    hood = hood.without(~alone)
+    if len(hood) > K:
+        odds[np.flatnonzero(alone)[hood.order]] = _measure(hood, around)
+        odds[copy] = odds[original]
+    return odds
 
 
-def _measure(hood: Neighbourhood, around: Floor, wanted: Bools | None) -> tuple[Floats, Floats]:
-    """Measure points, more than eight, no two of which are at one place."""
+def _measure(hood: Neighbourhood, around: Floor) -> Floats:
+    """Measure more than eight points, no two of which are at one place; in tree order."""
     model, threads = load(SURVEY_MODEL), hood.threads
     near = neighbours(hood, around)
-    first, extent = first_odds(near, model.first, threads)
-    result, way = first.astype(np.float64), extent
-    is_doubtful = first > np.float32(model.doubtful)
-    if wanted is not None:
-        is_doubtful &= wanted[hood.order]
-    doubtful = np.flatnonzero(is_doubtful)
-    again, wide = second_odds(hood, near, first, extent, doubtful, model.again)
-    result[doubtful], way[doubtful] = again, wide
-    odds, reach = np.empty(len(hood)), np.full(len(hood), np.inf)
-    odds[hood.order] = result
-    if len(hood) > MOST:
-        reach[hood.order] = way
-    return odds, reach
+    first = first_odds(near, model.first, threads)
+    odds = first.astype(np.float64)
+    doubtful = np.flatnonzero(first > np.float32(model.doubtful))
+    odds[doubtful] = second_odds(hood, near, first, doubtful, model.again)
+    return odds
 
 
 def score(odds: Floats, threshold: float) -> Floats:
@@ -117,40 +99,38 @@ def score(odds: Floats, threshold: float) -> Floats:
 
 def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
-    radius, unknown = np.sqrt(squared_k_distances(hood, K)), np.full(len(hood), np.nan)
+    radius, unknown = np.sqrt(squared_k_distances(hood, K)), np.zeros(len(hood), np.bool_)
     near = Near(hood.xyz, hood.nearest(K).index, radius, around, unknown)
-    some, bound = np.flatnonzero(numbers(hood.xyz) % BOUNDS == 0), unknown.copy()
+    some, is_large = np.flatnonzero(numbers(hood.xyz) % SAMPLED == 0), unknown.copy()
     pool.run(
-        lambda i, j: write_reach_bounds(near, some[i:j], bound), len(some), AT_ONCE, hood.threads
+        lambda i, j: write_large_components(near, some[i:j], is_large),
+        *(len(some), AT_ONCE, hood.threads),
     )
-    return near._replace(reach_bound=bound)
+    return near._replace(is_large=is_large)
 
 
-def first_odds(near: Near, trees: Trees, threads: int = 0) -> tuple[Singles, Floats]:
-    """Return what the first trees say (N,), and how far what they see may be, in tree order."""
-    count = len(near.radius)
-    odds, extent = np.empty(count, np.float32), np.empty(count)
-    pool.run(lambda i, j: _first(near, trees, i, j, odds, extent), count, AT_ONCE, threads)
-    return odds, extent
+def first_odds(near: Near, trees: Trees, threads: int = 0) -> Singles:
+    """Return the log-odds by the first trees (N,), in tree order."""
+    odds = np.empty(len(near.radius), np.float32)
+    pool.run(lambda i, j: _first(near, trees, i, j, odds), len(odds), AT_ONCE, threads)
+    return odds
 
 
 def second_odds(
-    hood: Neighbourhood, near: Near, first: Singles, extent: Floats, which: Ints, trees: Trees
-) -> tuple[Singles, Floats]:
-    """Return what the second trees say of some points (M,), and how far what they see may be."""
-    odds, wide = np.empty(len(which), np.float32), np.empty(len(which))
+    hood: Neighbourhood, near: Near, first: Singles, which: Ints, trees: Trees
+) -> Singles:
+    """Return the log-odds of some points (M,) by the second trees."""
+    odds = np.empty(len(which), np.float32)
     far = Far(near, first, hood.nearest_of(which, min(MOST, len(hood) - 1)))
     pool.run(
-        lambda i, j: _again(far, extent, trees, which, i, j, odds, wide),
-        len(which),
-        AT_ONCE // 8,
-        hood.threads,
+        lambda i, j: _again(far, trees, which, i, j, odds),
+        *(len(which), AT_ONCE // 8, hood.threads),
     )
-    return odds, wide
+    return odds
 
 
 @kernel
-def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
+def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles) -> None:
     buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
     values, total = np.empty((near_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     for start in range(begin, end, LANES):
@@ -160,24 +140,13 @@ def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent
         add_lanes(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
-            extent[start + lane] = buffers.extent[lane]
 
 
 @kernel
-def _again(
-    far: Far,
-    extent: Floats,
-    trees: Trees,
-    which: Ints,
-    begin: int,
-    end: int,
-    odds: Singles,
-    wide: Floats,
-) -> None:
+def _again(far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles) -> None:
     buffers = far_features.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values, total = np.empty((far_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    farthest, count = np.empty(LANES), far.index.shape[1]
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, end - 1)
@@ -186,11 +155,6 @@ def _again(
         add_lanes(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
-            for m in range(count):
-                buffers.radii[m, lane] = extent[far.index[start + lane, m]]
-        add_farthest(buffers.distance, buffers.radii, count, farthest)
-        for lane in range(min(LANES, end - start)):
-            wide[start + lane] = max(extent[points[lane]], farthest[lane])
 
 
 def near_values(near: Near, which: Ints) -> Singles:

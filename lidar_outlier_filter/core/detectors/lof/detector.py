@@ -31,7 +31,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Measured
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 from lidar_outlier_filter.core.detectors.scores import Scores
@@ -46,6 +45,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 LISTED = -1  # the row of points that have none of their own
 SHORT = 64  # neighbours that are sorted by insertion
@@ -70,6 +71,11 @@ class _Near(NamedTuple):
     row: NDArray[np.int32]
     first: Ints
     more: NDArray[np.int32]
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input."""
+    return Scores(detect(seen.neighbourhood, parameters.of(Lof)))
 
 
 def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
@@ -112,7 +118,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     [77]
 
     """
-    return score(measure(neighbourhood, parameters), parameters)
+    return compare(measure(neighbourhood, parameters), parameters)
 
 
 def measure(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
@@ -123,7 +129,7 @@ def measure(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     return factor
 
 
-def score(factor: Floats, parameters: Lof) -> Floats:
+def compare(factor: Floats, parameters: Lof) -> Floats:
     """Score all points of a cloud by their LOF, see :func:`detect`."""
     if parameters.statistic == 'lof2' and not np.isnan(factor).all():
         factor = np.abs(factor - median(factor.copy(), len(factor)))
@@ -288,11 +294,3 @@ def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: 
     for m in range(first, last):
         total += values[lists[row, m]]
     return float(total / (last - first))
-
-
-MEASURED = Measured(
-    lambda hood, parameters: measure(hood, parameters.of(Lof)),
-    lambda factor, _, parameters: Scores(score(factor, parameters.of(Lof))),
-    steps=3,
-    by_place=True,
-)

@@ -42,7 +42,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Measured
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.sor.parameters import Sor
@@ -52,13 +51,19 @@ from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input."""
+    own = parameters.of(Sor)
+    ranges = seen.points.range if own.range_scaled else None
+    return Scores(detect(seen.neighbourhood, own, ranges))
 
 
 def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None = None) -> Floats:
@@ -109,7 +114,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     ([77], 3.0)
 
     """
-    return score(measure(neighbourhood, parameters), parameters, range_m)
+    return compare(measure(neighbourhood, parameters), parameters, range_m)
 
 
 def measure(neighbourhood: Neighbourhood, parameters: Sor) -> Floats:
@@ -130,7 +135,7 @@ def measure(neighbourhood: Neighbourhood, parameters: Sor) -> Floats:
     return _mean_distances(neighbourhood, parameters.k)
 
 
-def score(measured: Floats, parameters: Sor, range_m: Floats | None = None) -> Floats:
+def compare(measured: Floats, parameters: Sor, range_m: Floats | None = None) -> Floats:
     """Score all points of a cloud by what :func:`measure` says of each; see :func:`detect`."""
     count = len(measured)
     scale = _growth(parameters, count, range_m)
@@ -201,13 +206,3 @@ def _ratio(statistic: Floats, limit: Floats | float) -> Floats:
     with np.errstate(over='ignore'):
         np.divide(statistic, limit, out=score, where=np.greater(limit, 0))
     return score
-
-
-def _scores(
-    measured: Floats, range_m: Callable[[], Floats], parameters: FilterParameters
-) -> Scores:
-    own = parameters.of(Sor)
-    return Scores(score(measured, own, range_m() if own.range_scaled else None))
-
-
-MEASURED = Measured(lambda hood, parameters: measure(hood, parameters.of(Sor)), _scores, steps=1)

@@ -235,7 +235,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     wanted[:20] = True
     found = contributions(seen, parameters, wanted)
     assert found.way == Method.NEIGHBOURS.value
-    odds, _ = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
+    odds = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
     total = found.added.sum(axis=0, dtype=np.float64) + found.average
     np.testing.assert_allclose(total, odds[wanted], atol=2e-4)
     assert len(np.unique(found.average)) == 2  # both passes judge some of them

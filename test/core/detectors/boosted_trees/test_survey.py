@@ -16,8 +16,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST,
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
-from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours import places
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -30,7 +28,6 @@ from lidar_outlier_filter.core.neighbours.places import (
     typical_scale,
 )
 from lidar_outlier_filter.core.points.points import Points, is_return
-from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -100,8 +97,8 @@ def around(xyz: Floats) -> Floor:
     return look_around(xyz, np.arange(len(xyz)))
 
 
-def odds_of(xyz: Floats, threads: int = 0) -> tuple[Floats, Floats]:
-    """Return the log-odds of all points of a cloud, and how far they reach."""
+def odds_of(xyz: Floats, threads: int = 0) -> Floats:
+    """Return the log-odds of all points of a cloud."""
     return survey.measure(xyz, around(xyz), threads)
 
 
@@ -110,7 +107,7 @@ def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[n
     hood = Neighbourhood(xyz, K)
     near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
     first = survey.near_values(near, which)
-    odds, _ = survey.first_odds(near, load(SURVEY_MODEL).first)
+    odds = survey.first_odds(near, load(SURVEY_MODEL).first)
     index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
     every = survey.far_values(Far(near, odds, index), which)
     back = np.argsort(hood.order)
@@ -123,7 +120,7 @@ def test_features_against_loops(name: str) -> None:
     xyz = CLOUDS[name]
     hood, first, every = measured(xyz)
     places = [tuple(row) for row in xyz.tolist()]
-    odds, _ = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
+    odds = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
     given = odds[np.argsort(hood.order)].tolist()
     expected = np.array(naive.near_features(places, around(xyz).typical)).T
     wide = np.array(naive.far_features(places, given, around(xyz).typical)).T
@@ -149,7 +146,7 @@ def test_trees_against_loops() -> None:
     xyz = CLOUDS['surface']
     _, first, every = measured(xyz)
     model = load(SURVEY_MODEL)
-    odds, _ = odds_of(xyz)
+    odds = odds_of(xyz)
     for n in range(0, len(xyz), 5):
         said = _loop(model.first, first[:, n])
         if said > np.float32(model.doubtful):
@@ -167,32 +164,19 @@ def _loop(trees: Trees, values: NDArray[np.float32]) -> float:
 def test_order_and_threads_do_not_matter(name: str) -> None:
     """Each point gets the same whatever the order of the points, and on any number of threads."""
     xyz = CLOUDS[name] + np.random.default_rng(1).uniform(0.0, 1e-3, CLOUDS[name].shape)
-    odds, reach = odds_of(xyz, 1)
+    odds = odds_of(xyz, 1)
     order = np.random.default_rng(2).permutation(len(xyz))
     for threads in (1, 3):
-        again, far = odds_of(xyz[order], threads)
-        np.testing.assert_array_equal(again, odds[order])
-        np.testing.assert_array_equal(far, reach[order])
+        np.testing.assert_array_equal(odds_of(xyz[order], threads), odds[order])
 
 
 @pytest.mark.parametrize('size', [1e-3, 1e3])
 def test_size_does_not_matter(size: float) -> None:
     """A cloud in millimetres is judged as one in kilometres."""
     xyz = surface(600)
-    odds, _ = odds_of(xyz * 1000.0)
-    again, _ = odds_of(xyz * 1000.0 * 2.0 ** np.round(np.log2(size)))
+    odds = odds_of(xyz * 1000.0)
+    again = odds_of(xyz * 1000.0 * 2.0 ** np.round(np.log2(size)))
     np.testing.assert_allclose(again, odds, atol=0.5)
-
-
-def test_reach() -> None:
-    """Points farther away than the reach of a point count for nothing."""
-    xyz = surface(900)
-    odds, reach = odds_of(xyz)
-    for p in range(0, len(xyz), 60):
-        near = np.linalg.norm(xyz - xyz[p], axis=1) <= reach[p] * (1 + 1e-9)
-        assert near.sum() > K
-        again, _ = survey.measure(xyz[near], around(xyz))
-        assert again[np.flatnonzero(near).tolist().index(p)] == odds[p]
 
 
 @pytest.mark.parametrize('name', ['stacked', 'surface', 'coarse'])
@@ -211,12 +195,11 @@ def test_places_against_loops(name: str) -> None:
 def test_points_at_one_place_are_judged_as_one() -> None:
     """Copies change no verdict, neither their own nor that of another point."""
     xyz = surface(600)
-    odds, reach = odds_of(xyz)
+    odds = odds_of(xyz)
     copies = np.random.default_rng(1).integers(0, 600, 2000)
     order = np.random.default_rng(2).permutation(2600)
-    again, far = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
+    again = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
     np.testing.assert_array_equal(again, np.concatenate([odds, odds[copies]])[order])
-    np.testing.assert_array_equal(far, np.concatenate([reach, reach[copies]])[order])
 
 
 @pytest.mark.parametrize('step', [0.02, 0.05, 0.2])
@@ -225,44 +208,24 @@ def test_a_floor_that_is_rounded_is_kept(step: float) -> None:
     xyz = np.random.default_rng(3).uniform((0, 0, 0), (3, 3, 0.004), (60_000, 3))
     rounded = np.round(xyz / step) * step
     assert not detect_outliers(rounded).outlier.any()
-    tiled = TiledChain(
-        points(rounded), FilterParameters().changed({'chain': ['boosted_trees']}), 1.0
-    )
-    assert not tiled.judge().rejected.any()
 
 
 def test_too_few_places_are_not_tested() -> None:
     """Many points at eight places have fewer than eight others."""
-    odds, _ = odds_of(np.repeat(surface(400)[:8], 50, axis=0))
+    odds = odds_of(np.repeat(surface(400)[:8], 50, axis=0))
     assert np.isnan(odds).all()
 
 
 @pytest.mark.parametrize('count', [0, 1, 8])
 def test_too_few_points_are_not_tested(count: int) -> None:
     """Points with fewer than eight others stay untested, and are kept."""
-    odds, reach = odds_of(surface(400)[:count])
-    assert np.isnan(odds).all()
-    assert np.isinf(reach).all()
+    assert np.isnan(odds_of(surface(400)[:count])).all()
 
 
 def points(xyz: Floats) -> Points:
     """Make points without scan lines."""
     zeros = np.zeros(len(xyz), np.int64)
     return Points(xyz, zeros, zeros, is_return(xyz))
-
-
-@pytest.mark.parametrize('side', [3.0, 7.0, 100.0])
-@pytest.mark.parametrize('name', CLOUDS)
-def test_tiles_give_the_answer_of_one_piece(name: str, side: float) -> None:
-    """Whatever the side of the tiles, scores are those of one piece, bit for bit."""
-    xyz = CLOUDS[name].copy()
-    xyz[3] = np.nan
-    cloud, parameters = points(xyz), FilterParameters()
-    parameters = parameters.changed({'chain': ['boosted_trees']})
-    whole = judge_whole(cloud, parameters)
-    tiled = TiledChain(cloud, parameters, side).judge()
-    np.testing.assert_array_equal(tiled.score, whole.score)
-    np.testing.assert_array_equal(tiled.rejected, whole.rejected)
 
 
 def test_finds_strays_and_loses_nothing() -> None:
@@ -328,9 +291,9 @@ def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> N
     """Of many points about as many are looked at as are asked for."""
     looked_at: list[int] = []
 
-    def note(xyz: Floats, *more: int) -> Neighbourhood:
+    def note(xyz: Floats, most: int, threads: int) -> Neighbourhood:
         looked_at.append(len(xyz))
-        return Neighbourhood(xyz, *more)
+        return Neighbourhood(xyz, most, threads)
 
     monkeypatch.setattr(places, 'Neighbourhood', note)
     scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
