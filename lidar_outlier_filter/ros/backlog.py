@@ -45,7 +45,7 @@ class Inbox:
         self._items: deque[Received | Command] = deque()
         self._commands: deque[Command] = deque()
         self._clouds = self._size = 0
-        self._woken = self._closed = self._discarded = False
+        self._woken = self._closed = False
 
     @property
     def clouds(self) -> int:
@@ -99,7 +99,6 @@ class Inbox:
                 self._add(item)
             self._closed = True
             if discard:
-                self._discarded = True
                 self._items.clear()
                 self._commands.clear()
                 self._clouds = self._size = 0
@@ -108,12 +107,7 @@ class Inbox:
     def reopen(self) -> None:
         """Take clouds again, once it is done."""
         with self._changed:
-            self._closed = self._discarded = False
-
-    @property
-    def discarded(self) -> bool:
-        """Whether what waited was let go of."""
-        return self._discarded
+            self._closed = False
 
     @property
     def oldest(self) -> int | None:
@@ -147,12 +141,6 @@ class Inbox:
                 self._clouds -= 1
                 self._size -= item.size
             return item
-
-    def take_command(self, seconds: float) -> Command | None:
-        """Wait for a command that is to be done at once; None for none. Clouds stay."""
-        with self._changed:
-            self._changed.wait_for(lambda: bool(self._commands) or self._discarded, seconds)
-            return self._commands.popleft() if self._commands else None
 
     def received_now(self, now: int) -> None:
         """Let all that waits be received now: the clock is another."""

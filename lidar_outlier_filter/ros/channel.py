@@ -86,13 +86,13 @@ class Channel:
     @property
     def waiting(self) -> int:
         """Count the clouds that were taken and have no answer yet."""
-        return self._filter.pending + self.worker.held + self.worker.inbox.clouds
+        return self._filter.pending + self.worker.inbox.clouds
 
     def start(self, compiler: Compiler) -> None:
         """Subscribe, and filter in a thread of its own when kernels are ready; also again."""
         self._compiler = compiler
         self.worker.inbox.reopen()
-        self.worker.wait_for_kernels()
+        self.worker.ready.clear()
         self.worker.start(f'filter {self.topic}')
         self.receiver.start()
 
@@ -114,13 +114,14 @@ class Channel:
         self.worker.raise_failure()
         if self._clock.has_stopped and self._filter.pending:
             # The recording has ended: there is no time any more that could pass.
-            self.worker.hurry()
+            self.worker.flush_pending()
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
         self._warn_of_losses(seconds)
-        at, waiting = self.worker.oldest, self._filter.pending + self.worker.held
+        at = self.worker.oldest
         oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
-        backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, waiting, publishers, oldest)
+        megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
+        backlog = Backlog(inbox.clouds, megabytes, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
         remarks, view = self._remarks(), self._watch.look(limits)
         return self.health.look(seconds, limits, max_delay, backlog, remarks, view)

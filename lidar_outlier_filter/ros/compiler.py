@@ -120,5 +120,5 @@ class Compiler:
         """Say what is compiled, and what is done until then."""
         said = f'compiling {", ".join(parameters.chain)}'
         if self._now is None:
-            return f'{said}; until then load.policy says what becomes of clouds'
+            return f'{said}; clouds pass unfiltered until then'
         return f'{said}; until then {", ".join(self._now.chain)} answers'

@@ -36,7 +36,7 @@ class SplitCloudPublisher:
     """Publishes the cleaned and the outlier clouds of one topic."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        """Advertise ``topic``/cleaned and ``topic``/outliers."""
+        """Advertise ``topic``/cleaned and ``topic``/outliers, by the name it is remapped to."""
         self._node = node
         self._context = node.context
         self.cleaned, self.outliers = (
@@ -46,7 +46,7 @@ class SplitCloudPublisher:
                 QoSProfile(depth=OUTPUT_DEPTH),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
-            for name in output_topics(topic)
+            for name in _output_names(node, topic)
         )
 
     @property
@@ -77,6 +77,17 @@ class SplitCloudPublisher:
         """Destroy the publishers."""
         for publisher in (self.cleaned, self.outliers):
             self._node.destroy_publisher(publisher)
+
+
+def _output_names(node: Node, topic: str) -> list[str]:
+    """Name the outputs after the remapped input, unless they are remapped themselves."""
+    expanded = output_topics(node.resolve_topic_name(topic, only_expand=True))
+    followed = output_topics(node.resolve_topic_name(topic))
+    remapped = map(node.resolve_topic_name, expanded)
+    return [
+        new if new != old else name
+        for old, new, name in zip(expanded, remapped, followed, strict=True)
+    ]
 
 
 def read_cloud(received: bytes) -> PointCloud2:

@@ -37,10 +37,8 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.lifecycle import LifecycleState
     from rclpy.parameter import Parameter as RosParameter
-    from rclpy.publisher import Publisher
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.ros.channel import Show
 
 POINTS = 'points'
@@ -131,26 +129,6 @@ class OutlierFilterNode(TunableNode):
         self._show = look
         for channel in self.channels:
             channel.show(look)
-
-    @property
-    def statistics(self) -> Statistics:
-        """Counts since the start."""
-        return self.channels[0].statistics
-
-    @property
-    def waiting(self) -> int:
-        """Count the clouds that were taken and have no answer yet."""
-        return self.channels[0].waiting
-
-    @property
-    def cleaned_publisher(self) -> Publisher:
-        """Where the cleaned clouds go."""
-        return self.channels[0].publisher.cleaned
-
-    @property
-    def outliers_publisher(self) -> Publisher:
-        """Where the outlier clouds go."""
-        return self.channels[0].publisher.outliers
 
     def start(self) -> None:
         """Offer the services, and filter."""

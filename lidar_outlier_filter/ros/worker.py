@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.health import Health
 
 SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
-LOOK = 0.02  # seconds between two looks whether a cloud has waited long enough for the kernels
 
 
 class Worker:
@@ -64,7 +63,7 @@ class Worker:
         self._lock = threading.Lock()
         self._unread: Counter[str] = Counter()  # clouds that wait to be counted, by what was wrong
         self._unread_last: dict[str, CloudError] = {}
-        self._held: Received | None = None  # the cloud that is filtered, or waits for them
+        self._taken: Received | None = None  # the cloud that is filtered
         self._waits: Received | None = None  # the cloud that has waited longest for its answer
 
     # For all threads --------------------------------------------------------------------------
@@ -81,24 +80,15 @@ class Worker:
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def wait_for_kernels(self) -> None:
-        """Filter nothing until they are ready; what comes is treated by ``load.policy``."""
-        self.ready.clear()
-
     def kernels_are_ready(self) -> None:
-        """Filter what waits, and what comes from now on."""
+        """Filter the clouds that come from now on."""
         self._do(self.ready.set)
 
     @property
     def oldest(self) -> int | None:
         """When the cloud was received that has waited longest; None where none waits."""
-        waiting = self._waits or self._held
+        waiting = self._waits or self._taken
         return self.inbox.oldest if waiting is None else waiting.at
-
-    @property
-    def held(self) -> int:
-        """Count the clouds that were taken from the inbox, and wait for the kernels."""
-        return int(self._held is not None and not self.ready.is_set())
 
     def join(self) -> None:
         """Wait until all that the closed inbox held is filtered."""
@@ -134,8 +124,8 @@ class Worker:
 
         self._do(apply, in_turn=True)
 
-    def hurry(self) -> None:
-        """Answer all that waits with what is there."""
+    def flush_pending(self) -> None:
+        """Publish all clouds that wait for their blocks, judged with the points that there are."""
         self._do(lambda: self._publish(self._filter.flush_pending()))
 
     def refuse(self, err: CloudError) -> None:
@@ -170,21 +160,14 @@ class Worker:
             self.inbox.wake()
 
     def _went_back(self) -> None:
-        """Begin anew after the clouds of before."""
-        self._received_now()
-        self.inbox.order(self._begin_anew, in_turn=True)
+        """Reset behind the clouds that wait."""
+        self.inbox.received_now(self.clock.now())
+        self.inbox.order(self._reset, in_turn=True)
 
     def _clock_changed(self) -> None:
-        """Answer what waits by a clock that is none any more."""
-        self._received_now()
-        self.hurry()
-
-    def _received_now(self) -> None:
-        """Let all that is not in the filter be received now: the clock is another."""
-        now = self.clock.now()
-        if (held := self._held) is not None and not self.ready.is_set():
-            held.at = now
-        self.inbox.received_now(now)
+        """Flush clouds that were timed by the previous clock."""
+        self.inbox.received_now(self.clock.now())
+        self.flush_pending()
 
     # In the thread that filters ---------------------------------------------------------------
 
@@ -197,8 +180,6 @@ class Worker:
 
     def _step(self) -> bool:
         """Do what comes next; return whether there will be more."""
-        if self._held is not None:
-            return self._hold(self._held)
         left = self._time_left()
         if left is not None and left <= 0 and not self.inbox.closed:
             # Poses may have come while a block was being judged.
@@ -206,34 +187,15 @@ class Worker:
             return True
         job = self.inbox.take(None if self.clock.is_simulated else left)
         if isinstance(job, Received):
-            self._held = job
-            return self._hold(job)
-        if job is not None:
+            self._taken = job
+            self._take(job)
+            self._taken = None
+        elif job is not None:
             job()
         else:
             self._publish(self._filter.advance())
             # Something may have come meanwhile, and the end behind it.
             return not self.inbox.done
-        return True
-
-    def _hold(self, held: Received) -> bool:
-        """Take a cloud, or let it wait for the kernels for as long as the load allows."""
-        if self.ready.is_set():
-            self._take(held)
-            self._held = None
-        elif self.inbox.discarded:
-            self._held = None
-        elif not self.enabled:
-            self._publish(self._process(held.msg, held, 'disabled'))
-            self._held = None
-        elif (treatment := self._treat(held)) is Treatment.DROP:
-            self._health.dropped()
-            self._held = None
-        elif treatment is not Treatment.FILTER:
-            self._publish(self._process(held.msg, held, 'compiling'))
-            self._held = None
-        elif command := self.inbox.take_command(LOOK):
-            command()
         return True
 
     def _time_left(self) -> float | None:
@@ -249,10 +211,12 @@ class Worker:
         return (self._due - self.clock.now()) / SECOND
 
     def _take(self, received: Received) -> None:
-        """Do with a cloud what the load allows."""
+        """Filter a cloud, or do with it what the load allows; unfiltered while kernels compile."""
         began = perf_counter()
         treatment = self._treat(received)
-        if treatment is Treatment.DROP:
+        if self.enabled and not self.ready.is_set():
+            self._publish(self._process(received.msg, received, 'compiling'))
+        elif treatment is Treatment.DROP:
             self._health.dropped()
         elif treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
@@ -278,8 +242,8 @@ class Worker:
             return Treatment.PASS
         return treatment
 
-    def _begin_anew(self) -> None:
-        """Begin anew after the clock went back, unless the clouds have shown that already."""
+    def _reset(self) -> None:
+        """Reset after the clock went back, unless the clouds have shown that already."""
         since = (self.clock.steady_now() - self._set_back_at) / SECOND
         if since > self._parameters.time_jump:
             self._publish(self._filter.reset())

@@ -61,7 +61,7 @@ def of_ros() -> set[str]:
         if any(name.lower().replace('_', '-').startswith('ros-jazzy') for name in names)
     }
     used = {'rclpy', 'sensor_msgs', 'std_msgs', 'std_srvs', 'nav_msgs', 'diagnostic_msgs'}
-    return found | used | {'rcl_interfaces', 'builtin_interfaces', 'geometry_msgs', 'tf2_ros'}
+    return found | used | {'rcl_interfaces', 'builtin_interfaces', 'geometry_msgs', 'tf2_msgs'}
 
 
 def run(

@@ -162,7 +162,7 @@ def test_package_xml_lists_what_is_imported() -> None:
     """Every module of others that is imported is an exec_depend, and nothing else is."""
     imported = foreign(NAME, 'launch') - set(EXTRAS) - PIP_ONLY
     stated = {depend.name for depend in parse_package(str(ROOT)).exec_depends}
-    assert stated == {ROSDEP_KEYS.get(name, name) for name in imported} | {'tf2_ros'}
+    assert stated == {ROSDEP_KEYS.get(name, name) for name in imported} | {'tf2_msgs'}
 
 
 def test_rosdep_calls_no_pip() -> None:

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import copy
 import tracemalloc
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.nodes import NO_CLOUD, hold_up, line, wait_for_kernels, wait_for_thread
-from helpers.tf_buffer import transform
 
 from lidar_outlier_filter.errors import LONGEST, CloudError
 from lidar_outlier_filter.messages.cloud import MAX_LAYOUTS
@@ -19,7 +18,6 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
 from lidar_outlier_filter.pipeline.statistics import MAX_REASONS, OTHER_REASONS, CountsByReason
-from lidar_outlier_filter.ros.tf import LONGEST_NAME, MOST_FRAMES, Links
 
 if TYPE_CHECKING:
     from helpers.nodes import Ros
@@ -104,49 +102,7 @@ def test_bytes_that_are_no_cloud(ros: Ros) -> None:
     assert len(worker.inbox._commands) == 1
     go_on.set()
     wait_for_thread(node)
-    assert node.statistics.refused == 500
+    assert node.channels[0].statistics.refused == 500
     node.channels[0].receiver._take(NO_CLOUD)
     wait_for_thread(node)
-    assert node.statistics.refused == 501
-
-
-class Buffer:
-    """Counts what it is given."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def set_transform(self, *_: Any) -> None:
-        """Count."""
-        self.count += 1
-
-    set_transform_static = set_transform
-
-
-POSE = (0.0, 0, 0, 0, 0, 0, 1)
-
-
-def test_transforms_of_a_clock_that_stands_still() -> None:
-    """The same time again adds nothing, also where it is not the last one."""
-    links = Links(Buffer(), 1.0)
-    for _ in range(1000):
-        for t in (STAMP, STAMP + SECOND, STAMP + SECOND // 2):
-            links.note(transform('odom', 'base', t, POSE))
-    assert len(links) == 3
-    assert links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2 - 1)
-    assert not links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2)
-
-
-def test_frames() -> None:
-    """No more of them than any tree has, and no names longer than any is; the rest is refused."""
-    buffer, refused = Buffer(), CountsByReason()
-    links = Links(buffer, 1.0)
-    links.refuse = refused.note
-    for number in range(MOST_FRAMES + 5):
-        links.set_transform(transform('odom', f'frame {number}', STAMP, POSE), '')
-    assert buffer.count == MOST_FRAMES == len(links)
-    links.set_transform(transform('odom', 'frame 0', STAMP + 1, POSE), '')
-    links.set_transform_static(transform('odom', 'another', 0, POSE), '')
-    links.set_transform(transform('o' * (LONGEST_NAME + 1), 'frame 0', STAMP + 2, POSE), '')
-    assert buffer.count == MOST_FRAMES + 1
-    assert refused == {'the number of frames': 6, 'the name of a frame': 1}
+    assert node.channels[0].statistics.refused == 501

@@ -23,7 +23,7 @@ def test_quality_of_service(ros: Ros) -> None:
     for name, depth in (('/points', 50), ('/odom', 1000)):
         assert received[name].reliability is ReliabilityPolicy.BEST_EFFORT
         assert received[name].depth == depth
-    for publisher in (node.cleaned_publisher, node.outliers_publisher):
+    for publisher in (node.channels[0].publisher.cleaned, node.channels[0].publisher.outliers):
         assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
         assert publisher.qos_profile.depth == 10
 

@@ -400,11 +400,11 @@ def test_wild_times_are_refused_at_once() -> None:
     assert moving.filter.pending == 0
 
 
-def test_tf_needs_tf2(ros: Ros) -> None:
-    """Where tf2_ros is not installed, the node is not made, and says why."""
-    if find_spec('tf2_ros') is None:
+def test_tf_needs_its_messages(ros: Ros) -> None:
+    """Where tf2_msgs is not installed, the node is not made, and says why."""
+    if find_spec('tf2_msgs') is None:
         sentence = (
-            "motion.source must be 'none' or 'odometry' where tf2_ros is not installed, got 'tf'"
+            "motion.source must be 'none' or 'odometry' where tf2_msgs is not installed, got 'tf'"
         )
         with pytest.raises(ParameterError, match=f'^{sentence}$'):
             ros.filter('-p', 'motion.source:=tf')

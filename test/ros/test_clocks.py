@@ -61,14 +61,14 @@ class Player:
         """Send 10 ms of a line, and serve until the node has filtered or keeps it."""
         self.sent += 1
         self.sensor.publish(line(seconds), expected=10**9)
-        while self.node.waiting + self.node.statistics.messages < self.sent:
+        while self.node.channels[0].waiting + self.node.channels[0].statistics.messages < self.sent:
             self.ros.executor.spin_once(0.05)
         wait_for_thread(self.node)
 
     def answered(self) -> int:
         """Count the clouds that were answered."""
         wait_for_thread(self.node)
-        return self.node.statistics.messages
+        return self.node.channels[0].statistics.messages
 
     def stop_the_clock(self) -> None:
         """End the program that says the time."""
@@ -89,7 +89,7 @@ def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
     player.set(0.37)
     player.set(0.371)  # the thread was woken by the one before
     assert player.answered() == 1
-    assert player.node.statistics.outliers == 1
+    assert player.node.channels[0].statistics.outliers == 1
 
 
 def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
@@ -123,11 +123,11 @@ def test_back_to_the_beginning(ros: Ros) -> None:
         player.set(10.0)
         player.send(10.0)
     assert player.answered() == 5
-    assert player.node.statistics.resets == 2
-    assert player.node.statistics.refused == 0
+    assert player.node.channels[0].statistics.resets == 2
+    assert player.node.channels[0].statistics.refused == 0
     player.node.finish()
-    assert player.node.statistics.messages == 6
-    assert player.node.statistics.rejected == {'alpha_beta_gamma': 6}
+    assert player.node.channels[0].statistics.messages == 6
+    assert player.node.channels[0].statistics.rejected == {'alpha_beta_gamma': 6}
 
 
 def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
@@ -136,10 +136,10 @@ def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
     player.set(10.0)
     player.send(10.0)
     player.send(0.0)  # the sensor's clock goes back
-    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
     player.set(0.0)
     player.send(0.01)
-    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
     player.send(0.2)
     assert player.answered() == 3
 
@@ -151,7 +151,7 @@ def test_the_clock_alone_goes_back(ros: Ros) -> None:
     player.send(10.0)
     assert player.answered() == 0
     player.set(0.0)
-    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
 
 
 def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
@@ -169,7 +169,7 @@ def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
     received = [item.at - STAMP for item in inbox._items if isinstance(item, Received)]
     assert received == [0, 0]
     go_on.set()
-    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
 
 
 def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
@@ -188,7 +188,7 @@ def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
     inbox.wake = note  # type: ignore[method-assign]
     for seconds in (1.0, 4.0, 9.5):
         player.set_node(seconds)
-    while not player.node.statistics.messages:
+    while not player.node.channels[0].statistics.messages:
         ros.executor.spin_once(0.05)
     assert woken == [9_500_000_000]
 
@@ -202,11 +202,11 @@ def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
     for resets, seconds in ((0, 10.0), (1, 0.0), (1, 10.0), (1, 0.0)):
         player.set(seconds)
         assert player.answered() == 0
-        assert player.node.statistics.resets == resets
+        assert player.node.channels[0].statistics.resets == resets
     now += 60 * SECOND
     player.set(-1.0)
     player.answered()
-    assert player.node.statistics.resets == 2
+    assert player.node.channels[0].statistics.resets == 2
 
 
 def test_a_jump_ahead(ros: Ros) -> None:
@@ -220,8 +220,8 @@ def test_a_jump_ahead(ros: Ros) -> None:
     player.send(1000.0)
     player.send(1000.2)
     assert player.answered() == 2
-    assert player.node.statistics.rejected == {'alpha_beta_gamma': 2}
-    assert player.node.statistics.resets == 0
+    assert player.node.channels[0].statistics.rejected == {'alpha_beta_gamma': 2}
+    assert player.node.channels[0].statistics.resets == 0
 
 
 def test_the_clock_ends(ros: Ros) -> None:
@@ -232,7 +232,7 @@ def test_the_clock_ends(ros: Ros) -> None:
     player.stop_the_clock()
     found = ros.diagnosis(lambda found: found['messages'] == 1)
     assert 'use_sim_time is set and nobody publishes /clock' in found.message
-    assert player.node.statistics.outliers == 1
+    assert player.node.channels[0].statistics.outliers == 1
 
 
 @pytest.mark.parametrize('simulated', [False, True])

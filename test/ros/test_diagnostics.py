@@ -39,7 +39,7 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
         sensor.publish(msg, expected=number)
         sensor.publish(broken(), expected=number)
         sensor.wait_for_answers()
-    counts = node.statistics
+    counts = node.channels[0].statistics
     looks: list[Diagnosis] = []
 
     def is_all(found: Diagnosis) -> bool:
@@ -110,7 +110,7 @@ def test_diagnostics_say_how_the_default_judges(ros: Ros, sweeps: list[PointClou
     sensor.publish(sweeps[0], expected=1)
     name = 'blocks judged by trees on the scan pattern'
     found = ros.diagnosis(lambda found: found[name] > 0)
-    assert found[name] == node.statistics.ways['trees on the scan pattern']
+    assert found[name] == node.channels[0].statistics.ways['trees on the scan pattern']
 
 
 def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
@@ -155,7 +155,7 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
     (answer,) = process(node, sweeps[0]) + flush(node)
     assert answer.cleaned is not None
     assert answer.outliers is not None
-    outliers = node.statistics.outliers
+    outliers = node.channels[0].statistics.outliers
     node.start()
     cleaned: list[PointCloud2] = []
 
@@ -165,19 +165,19 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
         return [(answer.cleaned is not None, answer.outliers is not None) for answer in made]
 
     assert taken(sweeps[0]) == [(False, False)]
-    assert node.statistics.outliers == 2 * outliers > 0
-    topic = node.cleaned_publisher.topic_name
+    assert node.channels[0].statistics.outliers == 2 * outliers > 0
+    topic = node.channels[0].publisher.cleaned.topic_name
     ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.cleaned_publisher.get_subscription_count():
+    while not node.channels[0].publisher.cleaned.get_subscription_count():
         ros.executor.spin_once(0.05)
     assert taken(sweeps[1]) == [(True, False)]
-    topic = node.outliers_publisher.topic_name
+    topic = node.channels[0].publisher.outliers.topic_name
     subscription = ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.outliers_publisher.get_subscription_count():
+    while not node.channels[0].publisher.outliers.get_subscription_count():
         ros.executor.spin_once(0.05)
     assert taken(sweeps[2]) == [(True, True)]
     ros.client.destroy_subscription(subscription)
-    while node.outliers_publisher.get_subscription_count():
+    while node.channels[0].publisher.outliers.get_subscription_count():
         ros.executor.spin_once(0.05)
     assert taken(sweeps[3]) == [(True, False)]
 
@@ -188,9 +188,9 @@ def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> N
     expected = [ans for msg in sweeps for ans in process(node, msg)] + flush(node)
     node.start()
     cleaned: list[PointCloud2] = []
-    topic = node.cleaned_publisher.topic_name
+    topic = node.channels[0].publisher.cleaned.topic_name
     ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.cleaned_publisher.get_subscription_count():
+    while not node.channels[0].publisher.cleaned.get_subscription_count():
         ros.executor.spin_once(0.05)
     for msg in sweeps:
         node.channels[0].receiver.take(msg)

@@ -36,7 +36,7 @@ def test_large_clouds_at_the_end(ros: Ros) -> None:
     finally:
         sys.setswitchinterval(before)
     assert [number for number, _ in answers(ros, sensor, 20)] == list(range(20))
-    assert node.waiting == node.channels[0].health._dropped == 0
+    assert node.channels[0].waiting == node.channels[0].health._dropped == 0
 
 
 @pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'shed'])
@@ -48,8 +48,8 @@ def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
     assert sensor._publisher.wait_for_all_acked()
     node.finish()
     assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
-    assert node.statistics.bypassed == {}
-    assert node.statistics.degraded == 0
+    assert node.channels[0].statistics.bypassed == {}
+    assert node.channels[0].statistics.degraded == 0
 
 
 def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +67,7 @@ def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatc
         sensor.publish(line(0.01 * number), expected=10**9)
     sensor.publish(broken(), expected=10**9)
     node.finish()
-    assert node.statistics.refusals == {'point_step': 1}
+    assert node.channels[0].statistics.refusals == {'point_step': 1}
     assert answers(ros, sensor, 5) == [(number, 1) for number in range(5)]
 
 
@@ -90,7 +90,7 @@ def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> No
     channel.worker.inbox.wake()
     thread.join(PATIENCE)
     assert done == [True]
-    assert node.waiting == 1
+    assert node.channels[0].waiting == 1
     assert channel.worker.inbox.clouds == 0
     node.finish()
     assert answers(ros, sensor, 1) == [(0, 1)]
@@ -105,7 +105,7 @@ def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
     channel.enable(on=False)
     send(ros, node, sensor, 2, first=3)
     channel.enable(on=True)
-    channel.worker.hurry()
+    channel.worker.flush_pending()
     for number in (5, 6):  # not served any more
         sensor.publish(line(0.01 * number), expected=10**9)
     sensor._publisher.wait_for_all_acked()
@@ -121,7 +121,7 @@ def test_after_the_end_clouds_are_dropped_and_counted(ros: Ros) -> None:
     node, _ = start(ros)
     node.finish()
     node.channels[0].receiver.take(line(0.0))
-    assert (node.waiting, node.channels[0].health._dropped) == (0, 1)
+    assert (node.channels[0].waiting, node.channels[0].health._dropped) == (0, 1)
 
 
 def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
@@ -140,7 +140,7 @@ def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
     go_on.set()
     stopping.join(PATIENCE)
     assert not thread.is_alive()
-    assert node.waiting == node.statistics.messages == 0
+    assert node.channels[0].waiting == node.channels[0].statistics.messages == 0
     assert channel.health._dropped == 1
 
 
@@ -149,10 +149,10 @@ def test_the_end_waits_for_both_publishers(ros: Ros) -> None:
     node, sensor = start(ros)
     sensor.publish(line(0.0), expected=1)
     waits: list[tuple[str, int]] = []
-    for publisher in (node.cleaned_publisher, node.outliers_publisher):
+    for publisher in (node.channels[0].publisher.cleaned, node.channels[0].publisher.outliers):
 
         def note(timeout: Duration, publisher: Publisher = publisher) -> bool:
-            waits.append((publisher.topic_name, node.statistics.messages))
+            waits.append((publisher.topic_name, node.channels[0].statistics.messages))
             assert timeout.nanoseconds > 0
             return bool(type(publisher).wait_for_all_acked(publisher, timeout))
 

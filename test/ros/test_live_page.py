@@ -91,12 +91,12 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     node, server, page, wrong = served
     page.wait_for_selector('html[data-frames="4"]')
     found = page.evaluate('window.live.data.frames.map((one) => [one.points, one.rejected])')
-    assert sum(points for points, _ in found) == node.statistics.points - node.statistics.invalid
-    assert sum(rejected for _, rejected in found) == node.statistics.outliers
+    counts = node.channels[0].statistics
+    points = counts.points - counts.invalid
+    assert sum(one for one, _ in found) == points
+    assert sum(rejected for _, rejected in found) == counts.outliers
     numbers = re.sub(r'\s', '', page.inner_text('#lead strong'))
-    assert numbers == (
-        f'{node.statistics.outliers}of{node.statistics.points - node.statistics.invalid}points'
-    )
+    assert numbers == f'{counts.outliers}of{points}points'
     page.wait_for_selector('#shown:not(:empty)')
     page.wait_for_selector('.level')
     assert '/points' in page.inner_text('#statuses')
@@ -107,7 +107,7 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     assert not server.status().keys() & about().keys()
     assert f'{about()["version"]}. Kept: the last ' in page.inner_text('#footer')
     page.select_option('#mode', label='strongest reason')
-    often = [name for name, _ in node.statistics.reasons.most_common(6)]
+    often = [name for name, _ in node.channels[0].statistics.reasons.most_common(6)]
     assert page.inner_text('#legend').splitlines()[:6] == often
 
     slider = page.locator('#slider-0')

@@ -179,7 +179,7 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     sensor = Sensor(ros, '/points')
     sensor.wait_for_filter(node)
     sensor.publish(sweeps[0], expected=1)
-    while node.statistics.messages + node.waiting == 0:
+    while node.channels[0].statistics.messages + node.channels[0].waiting == 0:
         ros.executor.spin_once(0.05)
     answer = ros.call(SetBool, 'enable', SetBool.Request(data=False))
     assert (answer.success, answer.message) == (True, 'clouds pass unfiltered')
@@ -188,7 +188,7 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
         sensor.wait_for_answers()
     assert ros.call(SetBool, 'enable', SetBool.Request(data=True)).message == 'filtering'
     sensor.publish(sweeps[3], expected=4)
-    while node.statistics.messages + node.waiting == 3:
+    while node.channels[0].statistics.messages + node.channels[0].waiting == 3:
         ros.executor.spin_once(0.05)
     node.finish()
     sensor.wait_for_answers()
@@ -198,6 +198,6 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert [bytes(msg.data) for msg in sensor.cleaned[1:3]] == [
         bytes(msg.data) for msg in sweeps[1:3]
     ]
-    assert node.statistics.bypassed == {'disabled': 2}
-    assert node.statistics.messages == 4
-    assert node.statistics.points == sum(msg.width for msg in sweeps)
+    assert node.channels[0].statistics.bypassed == {'disabled': 2}
+    assert node.channels[0].statistics.messages == 4
+    assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)

@@ -96,7 +96,7 @@ def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> Non
     send(ros, node, sensor, 200, 3)
     assert manager.change(Transition.TRANSITION_DEACTIVATE)
     receive(ros, sensor, 8)
-    assert node.statistics.messages == 8
+    assert node.channels[0].statistics.messages == 8
     stamps = [msg.header.stamp for msg in sensor.outliers]
     sent = [*range(5), *range(200, 203)]
     assert stamps == [line(0.01 * number).header.stamp for number in sent]

@@ -46,20 +46,20 @@ def test_live(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=60.0)
     for msg in clouds:
         sensor.publish(msg, expected=len(clouds))
-    while node.waiting < len(clouds):
+    while node.channels[0].waiting < len(clouds):
         ros.executor.spin_once(0.05)
     for msg in odometry:
         publisher.publish(msg)
         ros.executor.spin_once(0.0)
     publisher.wait_for_all_acked()
-    while node.statistics.messages < len(clouds) - 1:
+    while node.channels[0].statistics.messages < len(clouds) - 1:
         ros.executor.spin_once(0.05)
     node.finish()
     sensor.wait_for_answers()
     assert [msg.header for msg in sensor.outliers] == [msg.header for msg in clouds]
     answers = [type('SplitCloud', (), {'outliers': msg}) for msg in sensor.outliers]
     assert (rejected(drive, answers) == expected).all()  # type: ignore[arg-type]
-    assert node.statistics.without_pose == 0
+    assert node.channels[0].statistics.without_pose == 0
 
 
 def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
@@ -69,7 +69,7 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=0.5)
     sensor.publish(clouds[0], expected=1)
     sensor.wait_for_answers()
-    assert node.statistics.without_pose == 1
+    assert node.channels[0].statistics.without_pose == 1
     found = ros.diagnosis(lambda found: found['without_pose'] == 1)
     assert 'of 1 clouds 1 judged without poses' in found.message or found.level >= 0
     for msg in drive.odometry():
@@ -79,8 +79,8 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     for number, msg in enumerate(clouds[1:], 2):
         sensor.publish(msg, expected=number)
         sensor.wait_for_answers()
-    assert node.statistics.without_pose == 1
-    assert node.statistics.refused == 0
+    assert node.channels[0].statistics.without_pose == 1
+    assert node.channels[0].statistics.refused == 0
 
 
 def test_poses_wake_the_thread(ros: Ros) -> None:
@@ -94,7 +94,7 @@ def test_poses_wake_the_thread(ros: Ros) -> None:
     for pose in drive.odometry():
         publisher.publish(pose)
     sensor.wait_for_answers()
-    assert node.statistics.without_pose == 0
+    assert node.channels[0].statistics.without_pose == 0
 
 
 def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
@@ -118,7 +118,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
         ros.executor.spin_once(0.05)
     go_on.set()
     sensor.wait_for_answers()
-    assert node.statistics.without_pose == 0
+    assert node.channels[0].statistics.without_pose == 0
 
 
 def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
@@ -139,8 +139,8 @@ def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
 
     node.destroy_subscription = publish_and_destroy
     node.finish()
-    assert node.statistics.messages == 1
-    assert node.statistics.without_pose == 0
+    assert node.channels[0].statistics.messages == 1
+    assert node.channels[0].statistics.without_pose == 0
 
 
 def test_replay(tmp_path: Path) -> None:

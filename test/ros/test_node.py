@@ -58,8 +58,27 @@ def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str)
     node = ros.filter(input_topic=topic, namespace=namespace)
     node.start()
     assert full in [item.topic_name for item in node.subscriptions]
-    assert node.cleaned_publisher.topic_name == f'{full}/cleaned'
-    assert node.outliers_publisher.topic_name == f'{full}/outliers'
+    assert node.channels[0].publisher.cleaned.topic_name == f'{full}/cleaned'
+    assert node.channels[0].publisher.outliers.topic_name == f'{full}/outliers'
+
+
+@pytest.mark.parametrize(
+    ('rules', 'cleaned'),
+    [
+        (['points:=/velodyne_points'], '/velodyne_points/cleaned'),
+        (['points:=top', '__ns:=/car'], '/car/top/cleaned'),
+        (['points:=/top', 'points/cleaned:=/kept'], '/kept'),
+        (['points:=/top', '/top/cleaned:=/kept'], '/kept'),
+        (['points/cleaned:=/kept'], '/kept'),
+    ],
+)
+def test_outputs_follow_a_remapped_input(ros: Ros, rules: list[str], cleaned: str) -> None:
+    """Two nodes on two inputs do not share outputs; a rule for an output itself comes first."""
+    node = ros.filter(*[word for rule in rules for word in ('-r', rule)])
+    node.start()
+    publisher = node.channels[0].publisher
+    assert publisher.cleaned.topic_name == cleaned
+    assert publisher.outliers.topic_name == f'{node.channels[0].resolved}/outliers'
 
 
 @pytest.mark.parametrize('topic', ['', '/', 'velodyne points', '/a//b', '/points/'])
@@ -124,13 +143,15 @@ def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> N
     for answer, msg in zip(answers, sweeps, strict=True):
         assert answer.cleaned.header == answer.outliers.header == msg.header
         assert answer.cleaned.width + answer.outliers.width == msg.width
-    assert node.statistics.messages == 4
-    assert node.statistics.points == sum(msg.width for msg in sweeps)
-    assert node.statistics.outliers == sum(rejected(answers))
-    assert node.statistics.rejected == {'boosted_trees': node.statistics.outliers}
-    assert node.statistics.outliers > 50
-    assert node.statistics.refused == 1
-    assert node.statistics.refusals == {'point_step': 1}
+    assert node.channels[0].statistics.messages == 4
+    assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
+    assert node.channels[0].statistics.outliers == sum(rejected(answers))
+    assert node.channels[0].statistics.rejected == {
+        'boosted_trees': node.channels[0].statistics.outliers
+    }
+    assert node.channels[0].statistics.outliers > 50
+    assert node.channels[0].statistics.refused == 1
+    assert node.channels[0].statistics.refusals == {'point_step': 1}
 
 
 def test_says_once_how_the_default_judges(
@@ -142,7 +163,7 @@ def test_says_once_how_the_default_judges(
         process(node, msg)
     flush(node)
     assert capfd.readouterr().err.count('judged by trees on the scan pattern') == 1
-    ((way, blocks),) = node.statistics.ways.items()
+    ((way, blocks),) = node.channels[0].statistics.ways.items()
     assert (way, blocks >= len(sweeps)) == ('trees on the scan pattern', True)
 
 
@@ -151,7 +172,7 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
     node = ros.filter()
     for _ in range(20):
         assert process(node, broken()) == []
-    assert node.statistics.refused == 20
+    assert node.channels[0].statistics.refused == 20
     said = capfd.readouterr().err
     assert said.count('refused a cloud') == 1
     assert 'refused a cloud (1 so far): point_step must be at least 4, the end of field' in said
@@ -172,7 +193,7 @@ def test_answers_are_messages_that_publish_fast(ros: Ros, recordings: Path) -> N
     seconds = []
     for _ in range(5):
         begin = time.perf_counter()
-        node.cleaned_publisher.publish(answer.cleaned)
+        node.channels[0].publisher.cleaned.publish(answer.cleaned)
         seconds.append(time.perf_counter() - begin)
     assert min(seconds) < 0.1
 
@@ -194,7 +215,7 @@ def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2
     # A loaded machine may hold this process up for a while, but hardly each time.
     assert min(waits) < 0.3
     assert max(waits) < 2.0
-    assert node.statistics.refused == 0
+    assert node.channels[0].statistics.refused == 0
     for msg, cleaned, outliers in zip(sweeps, sensor.cleaned, sensor.outliers, strict=True):
         assert cleaned.header == outliers.header == msg.header
         assert cleaned.width + outliers.width == msg.width
@@ -210,9 +231,9 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
 
     def deadline_after(msg: PointCloud2 | bytes) -> int:
         """Publish, serve until the cloud was taken, and say when it is to be answered (ns)."""
-        served = node.statistics.refused + node.waiting
+        served = node.channels[0].statistics.refused + node.channels[0].waiting
         sensor.publish(msg, expected=99)
-        while node.statistics.refused + node.waiting == served:
+        while node.channels[0].statistics.refused + node.channels[0].waiting == served:
             ros.executor.spin_once(0.05)
         wait_for_thread(node)
         assert channel.worker._due is not None
@@ -240,11 +261,11 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     for msg in (NO_CLOUD, *sweeps):
         sensor.publish(msg, expected=4)
     assert sensor._publisher.wait_for_all_acked()
-    assert node.statistics.messages == 0
+    assert node.channels[0].statistics.messages == 0
     node.finish()
     sensor.wait_for_answers()
-    assert node.statistics.messages == 4
-    assert node.statistics.refusals == {'a serialised cloud': 1}
+    assert node.channels[0].statistics.messages == 4
+    assert node.channels[0].statistics.refusals == {'a serialised cloud': 1}
     assert sensor.cleaned == [answer.cleaned for answer in expected]
     assert sensor.outliers == [answer.outliers for answer in expected]
     assert sum(rejected(expected)) > 50
@@ -268,8 +289,8 @@ def test_two_filters_in_one_process(ros: Ros, sweeps: list[PointCloud2]) -> None
             sensor.publish(msg, expected=number)
     for sensor in sensors:
         sensor.wait_for_answers()
-    assert strict.statistics.outliers > 500
-    assert loose.statistics.outliers == 0
+    assert strict.channels[0].statistics.outliers > 500
+    assert loose.channels[0].statistics.outliers == 0
     assert [msg.width for msg in sensors[1].cleaned] == [msg.width for msg in sweeps[:3]]
     assert [msg.width for msg in sensors[0].outliers] > [0, 0, 0]
 

@@ -256,10 +256,12 @@ def test_a_file_for_everything(ros: Ros, tmp_path: Path) -> None:
     (points,) = (item for item in node.subscriptions if item.topic_name == '/points')
     assert points.qos_profile.reliability is ReliabilityPolicy.RELIABLE
     assert points.qos_profile.depth == 7
-    assert node.cleaned_publisher.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
-    assert node.cleaned_publisher.qos_profile.depth == 8
-    assert node.outliers_publisher.qos_profile.history is HistoryPolicy.KEEP_ALL
-    assert node.outliers_publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+    assert (
+        node.channels[0].publisher.cleaned.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+    )
+    assert node.channels[0].publisher.cleaned.qos_profile.depth == 8
+    assert node.channels[0].publisher.outliers.qos_profile.history is HistoryPolicy.KEEP_ALL
+    assert node.channels[0].publisher.outliers.qos_profile.reliability is ReliabilityPolicy.RELIABLE
 
 
 def _plain(value: object) -> object:

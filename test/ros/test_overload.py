@@ -35,8 +35,8 @@ def test_receiving_goes_on_while_the_filter_works(ros: Ros) -> None:
     node, sensor = start(ros, load__clouds=100)
     with held_up(node):
         send(ros, node, sensor, 20)
-        assert node.waiting == 20
-        assert node.statistics.messages == 0
+        assert node.channels[0].waiting == 20
+        assert node.channels[0].statistics.messages == 0
     node.finish()
     assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
 
@@ -92,10 +92,10 @@ def test_drop_oldest(ros: Ros) -> None:
     node, sensor = start(ros)
     with held_up(node):
         send(ros, node, sensor, 25)
-        assert node.waiting == 10
+        assert node.channels[0].waiting == 10
     node.finish()
     assert answers(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
-    assert node.statistics.messages == 10
+    assert node.channels[0].statistics.messages == 10
     assert node.channels[0].health._dropped == 15
 
 
@@ -153,7 +153,7 @@ def test_pass_through(ros: Ros) -> None:
     node.finish()
     expected = [0] * 8 + [1] * 4  # behind the ninth nothing waits
     assert answers(ros, sensor, 12) == list(enumerate(expected))
-    assert node.statistics.bypassed == {'overload': 8}
+    assert node.channels[0].statistics.bypassed == {'overload': 8}
     assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
 
 
@@ -162,12 +162,12 @@ def test_what_passes_waits_for_nobody(ros: Ros) -> None:
     node, sensor = start(ros, load__policy='pass_through', block=0.1, max_delay=60.0)
     send(ros, node, sensor, 1)
     wait_for_thread(node)
-    assert node.waiting == 1
+    assert node.channels[0].waiting == 1
     with held_up(node):
         send(ros, node, sensor, 9, first=1)
     # Behind the last one nothing waits: it is filtered.
-    assert (node.statistics.messages, node.waiting) == (9, 1)
-    assert node.statistics.bypassed == {'overload': 8}
+    assert (node.channels[0].statistics.messages, node.channels[0].waiting) == (9, 1)
+    assert node.channels[0].statistics.bypassed == {'overload': 8}
 
 
 def test_shed(ros: Ros) -> None:
@@ -185,7 +185,7 @@ def test_shed(ros: Ros) -> None:
     found = [width > 10 for _, width in answers(ros, sensor, 10)]
     assert found == [False] * 5 + [True] * 5
     assert [width for _, width in answers(ros, sensor, 10)][:5] == [1] * 5
-    assert node.statistics.degraded == 6
+    assert node.channels[0].statistics.degraded == 6
 
 
 @pytest.mark.parametrize(
@@ -202,8 +202,8 @@ def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
     with held_up(node):
         send(ros, node, sensor, 7)
     node.finish()
-    assert node.statistics.bypassed == {'overload': 6}
-    assert node.statistics.degraded == 0
+    assert node.channels[0].statistics.bypassed == {'overload': 6}
+    assert node.channels[0].statistics.degraded == 0
 
 
 def test_the_policy_can_be_set(ros: Ros) -> None:
@@ -215,7 +215,7 @@ def test_the_policy_can_be_set(ros: Ros) -> None:
         send(ros, node, sensor, 1, first=9)
     node.finish()
     assert node.channels[0].health._dropped == 2
-    assert node.statistics.bypassed == {'overload': 7}
+    assert node.channels[0].statistics.bypassed == {'overload': 7}
 
 
 def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:

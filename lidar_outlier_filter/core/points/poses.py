@@ -38,6 +38,12 @@ class Mounting:
         """Make it of x, y, z and roll, pitch, yaw (radians, about fixed axes, in turn)."""
         return cls(np.array(position, np.float64), Rotation.from_euler('xyz', angles).as_matrix())
 
+    @classmethod
+    def of_pose(cls, pose: tuple[float, ...]) -> Mounting:
+        """Make it of x, y, z and a quaternion x, y, z, w; raise a PoseError where it is none."""
+        x, y, z, *quaternion = _checked(pose)
+        return cls(np.array([x, y, z]), Rotation.from_quat(quaternion).as_matrix())
+
 
 class Track:
     """Poses of one body in one fixed frame, in order of time. One thread adds, another moves."""
@@ -74,8 +80,10 @@ class Track:
             np.eye(3),
         )
 
-    def add(self, t: int, pose: tuple[float, ...]) -> None:
+    def add(self, t: int, pose: tuple[float, ...]) -> bool:
         """Add the next pose: t in nanoseconds; x, y, z in metres and a quaternion x, y, z, w.
+
+        Returns True where the poses before it were forgotten, because time was set back.
 
         Raises
         ------
@@ -83,26 +91,21 @@ class Track:
             If it is no pose, or not later than the one before.
 
         """
-        if not np.isfinite(pose).all():
-            raise PoseError('a pose', 'finite', ', '.join(f'{value:g}' for value in pose))
-        if max(map(abs, pose[:3])) > FARTHEST:
-            got = ', '.join(f'{value:g}' for value in pose[:3])
-            raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
-        norm = math.hypot(*pose[3:])
-        if abs(norm - 1) > ROUNDING:
-            raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
+        pose = _checked(pose)
         with self._lock:
-            if self._times and t < self._times[-1] - self._jump:
+            is_set_back = bool(self._times) and t < self._times[-1] - self._jump
+            if is_set_back:
                 self._times, self._poses = [], []
                 self._is_new = True
             if self._times and t <= self._times[-1]:
                 late = (self._times[-1] - t) / SECOND
                 raise PoseError('the time of a pose', 'after the one before', f'{late:g} s before')
             self._times.append(t)
-            self._poses.append((*pose[:3], *(value / norm for value in pose[3:])))
+            self._poses.append(pose)
             old = max(bisect_left(self._times, t - KEPT), len(self._times) - MOST_KEPT)
             if 2 * old > len(self._times):  # not one by one
                 del self._times[:old], self._poses[:old]
+        return is_set_back
 
     def begin_anew(self) -> None:
         """Forget the poses: the clock of the points was set back.
@@ -160,6 +163,19 @@ class Track:
         begin = max(bisect_right(self._times, first) - 1, 0)
         end = bisect_left(self._times, last) + 1
         return self._times[begin:end], self._poses[begin:end]
+
+
+def _checked(pose: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a pose whose quaternion has the norm 1, or raise a PoseError."""
+    if not np.isfinite(pose).all():
+        raise PoseError('a pose', 'finite', ', '.join(f'{value:g}' for value in pose))
+    if max(map(abs, pose[:3])) > FARTHEST:
+        got = ', '.join(f'{value:g}' for value in pose[:3])
+        raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
+    norm = math.hypot(*pose[3:])
+    if abs(norm - 1) > ROUNDING:
+        raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
+    return (*pose[:3], *(value / norm for value in pose[3:]))
 
 
 def _is_covered(t: Ints, times: list[int], longest: int) -> Bools:

@@ -289,10 +289,10 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
         for msg in (far(begin), line(begin + 0.01)):
             channel.receiver.take(msg)
         wait_for_thread(node)
-    assert node.statistics.refusals == {'the judging of a block': 2}
-    assert node.statistics.bypassed == {'failure': 1}
+    assert node.channels[0].statistics.refusals == {'the judging of a block': 2}
+    assert node.channels[0].statistics.bypassed == {'failure': 1}
     node.finish()
-    assert node.statistics.messages == 4
+    assert node.channels[0].statistics.messages == 4
 
 
 @pytest.mark.usefixtures('broken_sor')

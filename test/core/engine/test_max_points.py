@@ -204,4 +204,4 @@ def test_live(ros: Ros) -> None:
     assert [answer.tag for answer in process(node, line(0.02, 101), 1)] == [0]
     assert process(node, line(0.04), 2) == []
     assert [answer.tag for answer in flush(node)] == [2]
-    assert node.statistics.refused == 1
+    assert node.channels[0].statistics.refused == 1

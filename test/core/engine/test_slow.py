@@ -157,7 +157,7 @@ def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]
     held.set()
     node.finish()
     assert capfd.readouterr().err.count(sentence) == 1
-    assert node.statistics.messages == 1
+    assert node.channels[0].statistics.messages == 1
 
 
 def test_replay(tmp_path: Path, held: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
