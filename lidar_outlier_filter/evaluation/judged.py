@@ -9,7 +9,7 @@ rejected, are no points: they are left out.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -21,28 +21,29 @@ from lidar_outlier_filter.evaluation.labels import (
     CLASSIFICATION,
     LABEL,
     LAS_NOISE,
+    CloudLabels,
     Codes,
-    Joiner,
     column_names,
     read_codes,
     read_column,
     usual_column,
     words,
 )
-from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
+from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
 from lidar_outlier_filter.recordings.bags import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.labels import JoinedAnswer
+    from lidar_outlier_filter.annotations import Ints, Rows
 
 SURFACE, OUTLIER = 'surface', 'outlier'
+INPUT = ''  # what follows the name of the topic for the input clouds
 # What the label of a simulated drive says.
 CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
 
@@ -127,74 +128,149 @@ def read_recording(
         If the recording cannot be read, has no such answers, or no truth for them.
 
     """
-    parts = []
-    for answer in answers(recording, topic, label, files):
-        parts.append(_part(answer))
-        first, this = parts[0], parts[-1]
-        if (first.score is None, first.surface is None) != (
-            this.score is None,
-            this.surface is None,
-        ):
-            raise RecordingError(
-                f'the fields of the answers in {recording}', 'the same in all', 'others'
-            )
+    parts = [_part(one) for one in answers(recording, topic, label, files)]
     if not parts:
         raise RecordingError(f'the answers in {recording}', 'at least one point', 'none')
     columns: dict[str, Any] = {}
     for field in fields(Judged):
-        columns[field.name] = None
-        if getattr(parts[0], field.name) is not None:
-            columns[field.name] = np.concatenate([getattr(part, field.name) for part in parts])
+        values = [getattr(part, field.name) for part in parts]
+        known = [one is not None for one in values]
+        if any(known) and not all(known):
+            what = f'the fields of the answers in {recording}'
+            raise RecordingError(what, 'the same in all', f'{field.name} in some')
+        columns[field.name] = np.concatenate(values) if all(known) else None
     return _with_truth(Judged(**columns), codes)
+
+
+class JoinedAnswer(NamedTuple):
+    """One cleaned or outlier cloud: its points, their truth, and the number of the cloud."""
+
+    points: Rows
+    rejected: bool
+    code: Ints
+    number: int
 
 
 def answers(
     recording: Path, topic: str | None, label: str = '', files: Sequence[Path] = ()
 ) -> Iterator[JoinedAnswer]:
-    """Yield every answer that has any points."""
+    """Yield every cleaned and outlier cloud that has any points."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Recording(recording) as source:
         topic = _choose(source, topic)
-        joiner = Joiner(topic, label if files else label or LABEL, files)
-        wanted = {topic + CLEANED, topic + OUTLIERS} | ({topic} if files else set())
-        if missing := wanted - _clouds(source):
+        wanted = {topic + CLEANED: CLEANED, topic + OUTLIERS: OUTLIERS}
+        if files:
+            wanted[topic] = INPUT
+        channels = [one for one in source.topics if one.name in wanted and one.msgtype == CLOUD]
+        if len(channels) < len(wanted):
             must_be = f'with {topic}, which the labels are for'
-            raise RecordingError(f'the recording {recording}', must_be, f'no {missing.pop()}')
-        for channel, _, data in source.messages():
-            if channel.name in wanted and channel.msgtype == CLOUD:
-                message = store.deserialize_cdr(data, channel.msgtype)
-                yield from joiner.take(channel.name.removeprefix(topic), message)
-        joiner.finish()
+            raise RecordingError(f'the recording {recording}', must_be, f'no {topic}')
+        clouds = (
+            (wanted[channel.name], store.deserialize_cdr(data, channel.msgtype))
+            for channel, _, data in source.messages(channels)
+        )
+        labels = CloudLabels(topic, label, files)
+        yield from _beside(clouds, labels, topic) if files else _inside(clouds, labels)
 
 
-def _clouds(source: Recording) -> set[str]:
-    """List the topics of clouds."""
-    return {channel.name for channel in source.topics if channel.msgtype == CLOUD}
+def _inside(clouds: Iterable[tuple[str, Any]], labels: CloudLabels) -> Iterator[JoinedAnswer]:
+    """Yield answers whose truth is a field of theirs."""
+    counts = {CLEANED: 0, OUTLIERS: 0}
+    for which, message in clouds:
+        number = counts[which]
+        counts[which] += 1
+        if not is_empty(message):
+            points = structured(message).reshape(-1)
+            yield JoinedAnswer(points, which == OUTLIERS, labels.read(number, message), number)
+
+
+def _beside(
+    clouds: Iterable[tuple[str, Any]], labels: CloudLabels, topic: str
+) -> Iterator[JoinedAnswer]:
+    """Yield answers whose truth is in one file for each input cloud, found by their stamps.
+
+    Inputs and answers come in any order; an input without answers was refused by the filter.
+    """
+    numbers: dict[tuple[int, int], int] = {}
+    pending: dict[tuple[int, int], dict[str, Any]] = {}
+    for which, message in clouds:
+        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
+        if which == INPUT:
+            if stamp in numbers:
+                raise RecordingError(f'the stamps of {topic}', 'different', f'{stamp} twice')
+            numbers[stamp] = len(numbers)
+        together = pending.setdefault(stamp, {})
+        together[which] = message
+        if len(together) == len((INPUT, CLEANED, OUTLIERS)):
+            yield from _join(pending.pop(stamp), numbers[stamp], labels, topic)
+    if unknown := pending.keys() - numbers.keys():
+        must_be = f'to clouds of {topic}, by their stamps'
+        raise RecordingError('the answers', must_be, f'one with {unknown.pop()}')
+    labels.check_count(len(numbers))
+
+
+def _join(
+    together: Mapping[str, Any], number: int, labels: CloudLabels, topic: str
+) -> Iterator[JoinedAnswer]:
+    """Give the two answers to one cloud the labels of their points."""
+    messages = [together[which] for which in (INPUT, CLEANED, OUTLIERS)]
+    code = labels.read(number, messages[0])
+    found = match(*(_rows(message, messages[0].point_step) for message in messages))
+    if found is None:
+        raise RecordingError('the answers', f'the points of cloud {number} of {topic}', 'others')
+    for message, index, rejected in zip(messages[1:], found, (False, True), strict=True):
+        if not is_empty(message):
+            points = structured(message).reshape(-1)
+            yield JoinedAnswer(points, rejected, code[index], number)
+
+
+def _rows(message: Any, step: int) -> Rows:
+    """Return the first ``step`` bytes of each point; scores are behind them."""
+    if is_empty(message):
+        return np.empty(0, np.dtype((np.void, step)))
+    points = np.ascontiguousarray(structured(message)).reshape(-1)
+    table = points.view(np.uint8).reshape(len(points), message.point_step)
+    return np.ascontiguousarray(table[:, :step]).view(np.dtype((np.void, step))).reshape(-1)
+
+
+def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | None:
+    """Find the index in a cloud of each point of its two answers; None: they are not its own.
+
+    Points are found by their bytes. Of points that are equal byte by byte, the first are taken for
+    those that were kept.
+    """
+    if len(cleaned) == len(given) != len(cleaned) + len(outliers):
+        # An organised cloud that kept its shape: what was rejected is a hole in it.
+        holes = np.flatnonzero(given != cleaned)
+        return (np.arange(len(given)), holes) if len(holes) == len(outliers) else None
+    split = np.concatenate([cleaned, outliers])
+    in_given, in_split = np.argsort(given, kind='stable'), np.argsort(split, kind='stable')
+    if len(split) != len(given) or (given[in_given] != split[in_split]).any():
+        return None
+    where = np.empty(len(given), np.int64)
+    where[in_split] = in_given
+    return where[: len(cleaned)], where[len(cleaned) :]
 
 
 def _choose(source: Recording, topic: str | None) -> str:
     """Find the topic whose answers are to be scored."""
-    names = _clouds(source)
-    filtered = [
-        name.removesuffix(CLEANED)
-        for name in sorted(names)
-        if name.endswith(CLEANED) and name.removesuffix(CLEANED) + OUTLIERS in names
-    ]
+    names = {channel.name for channel in source.topics if channel.msgtype == CLOUD}
+    inputs = sorted(name.removesuffix(CLEANED) for name in names if name.endswith(CLEANED))
+    filtered = [name for name in inputs if name + OUTLIERS in names]
     if topic is None and len(filtered) == 1:
         return filtered[0]
-    if topic is None or topic not in filtered:
+    if topic not in filtered:
         known = ', '.join(filtered) or 'none'
         must_be = f"one of those with '{CLEANED}' and '{OUTLIERS}' ({known})"
         raise RecordingError(f'the topic to score in {source.path}', must_be, repr(topic))
-    return topic
+    return str(topic)
 
 
 def _part(answer: JoinedAnswer) -> Judged:
-    """Take what counts from one cleaned or outlier cloud."""
+    """Read truth, verdict and scores of one cleaned or outlier cloud."""
     points = answer.points
     names = points.dtype.names or ()
-    xyz = _xyz(points)
-    there = is_return(xyz)
+    xyz = np.stack([points[axis] for axis in AXES], axis=1).astype(np.float64)
     has_surface = SURFACE in names and points.dtype[SURFACE] == np.uint8
     part = Judged(
         answer.code,
@@ -206,15 +282,11 @@ def _part(answer: JoinedAnswer) -> Judged:
         np.sqrt(np.einsum('ij,ij->i', xyz, xyz)),
         points[SURFACE] if has_surface else None,
     )
-    return part.take(there)
-
-
-def _xyz(points: NDArray[np.void]) -> NDArray[np.float64]:
-    return np.stack([points[axis] for axis in AXES], axis=1).astype(np.float64)
+    return part.take(is_return(xyz))
 
 
 def _with_truth(points: Judged, codes: Codes) -> Judged:
-    """Say which points are outliers, and leave out those that do not count."""
+    """Mark the outliers, and leave out points that do not count."""
     counted = points.take(codes.counted(points.code))
     return replace(counted, bad=codes.bad(counted.code))
 

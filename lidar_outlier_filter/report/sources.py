@@ -13,8 +13,7 @@ from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
+from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, CloudLabels, read_codes_of
 from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Bytes, Ints
     from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
 
@@ -159,7 +157,8 @@ class RecordedSource:
         self.parameters = parameters
         self.found = SourceFacts(moved=parameters.motion.source == 'odometry')
         self._clouds = RecordedClouds(recording, parameters, topic, with_path=True)
-        self._label, self._files = label, files
+        self._labels = CloudLabels(topic or 'the topic', label, files)
+        self._required = bool(label)
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
         """Judge all clouds by each of the chains; they are read once for all of them."""
@@ -182,40 +181,22 @@ class RecordedSource:
         found.sentences = dict(self._clouds.sentences)
         found.unmoved, found.convention = self._clouds.unmoved, self._clouds.convention
         found.topic, found.times = self._clouds.topic, self._clouds.times
-        if self._files and len(self._files) != self._clouds.count:
-            must_be = f'as many as there are clouds, {self._clouds.count}'
-            raise RecordingError('the files with labels', must_be, len(self._files))
+        self._labels.check_count(self._clouds.count)
         self.found = found
 
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:
         where = taken.cloud.where
-        made = ReportCloud(
-            taken.cloud.points, taken.cloud.frame, number=taken.number, index=where.astype(np.int64)
-        )
-        if self._files:
-            made.code = self._codes(taken)
-        if not taken.cloud.count:
-            return made
-        view = structured(taken.msg).reshape(-1)
-        names = view.dtype.names or ()
-        made.saved = {name: view[one][where] for name, one in saved_columns(names).items()}
-        label = self._label or LABEL
-        if self._label and self._label not in names:
-            must_be = f'one of the fields {", ".join(names)}'
-            raise CloudError('the field with the truth', must_be, repr(self._label))
-        if not self._files and label in names and (self._label or view.dtype[label].kind in 'iu'):
-            made.code = view[label][where].astype(np.int64)
+        points, frame = taken.cloud.points, taken.cloud.frame
+        made = ReportCloud(points, frame, number=taken.number, index=where.astype(np.int64))
+        names: tuple[str, ...] = ()
+        if taken.cloud.count:
+            view = structured(taken.msg).reshape(-1)
+            names = view.dtype.names or ()
+            made.saved = {name: view[one][where] for name, one in saved_columns(names).items()}
+        has_labels = LABEL in names and view.dtype[LABEL].kind in 'iu'
+        if self._labels.files or self._required or has_labels:
+            made.code = self._labels.read(taken.number, taken.msg)[where]
         return made
-
-    def _codes(self, taken: RecordedCloud) -> Ints:
-        if taken.number >= len(self._files):
-            must_be = f'as many as there are clouds, at least {taken.number + 1}'
-            raise RecordingError('the files with labels', must_be, len(self._files))
-        codes = read_codes(self._files[taken.number])
-        if len(codes) != taken.cloud.count:
-            must_be = f'of {taken.cloud.count} points, as the cloud'
-            raise RecordingError(f'the labels {self._files[taken.number]}', must_be, len(codes))
-        return codes[taken.cloud.where]
 
 
 class FileSource:
@@ -250,7 +231,9 @@ class FileSource:
         self._saved = {name: filled(loaded.more[one]) for name, one in saved.items()}
         loaded = columns.recovered(file, loaded, parameters)
         self.parameters, self._loaded = parameters, loaded.points
-        self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
+        labels, column = truth
+        has_labels = LABEL in file.columns or (file.classes and CLASSIFICATION in file.columns)
+        self._code = read_codes_of(labels, len(file), column) if named or has_labels else None
         without = 'so that it is judged without scan lines'
         if loaded.rings:
             without = f'{loaded.rings} rings are recovered from elevation'
@@ -283,16 +266,3 @@ def saved_columns(names: Iterable[str]) -> dict[str, str]:
 def _unit_name(size: float) -> str:
     """Name a unit of so many metres."""
     return next((name for name, one in UNITS.items() if np.isclose(one, size, 1e-9)), f'{size:g} m')
-
-
-def _has_labels(file: CloudFile) -> bool:
-    """Return whether a file has labels: classes in LAS, a column of that name elsewhere."""
-    return LABEL in file.columns or (file.classes and CLASSIFICATION in file.columns)
-
-
-def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> Ints:
-    codes = read_codes(labels, column)
-    if len(codes) != len(file):
-        must_be = f'of {len(file)} points, as {path.name}'
-        raise RecordingError(f'the labels in {labels}', must_be, len(codes))
-    return codes

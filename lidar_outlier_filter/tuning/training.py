@@ -15,10 +15,9 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.labels import codes_of, read_codes_of
+from lidar_outlier_filter.evaluation.labels import CloudLabels, read_codes_of
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.messages.cloud import is_empty, structured
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.tuning.inject import Injection, inject
 
@@ -176,37 +175,27 @@ def from_recording(  # noqa: PLR0913  what the command line offers
         If the recording cannot be read, or has no such topic, field or truth.
 
     """
-    files = [] if isinstance(truth, str | Injection) else list(truth)
     injected = isinstance(truth, Injection)
+    files = () if isinstance(truth, str | Injection) else truth
+    field = truth if isinstance(truth, str) else ''
+    labels = CloudLabels(topic or 'the topic', field, files)
     source = RecordedClouds(recording, parameters, topic, with_eyes=injected)
-    clouds, frames, eyes, labels = [], [], [], []
+    clouds, frames, eyes, read = [], [], [], [np.zeros(0, np.int64)]
     for cloud in source:
         clouds.append(cloud.cloud.points)
         frames.append(cloud.cloud.frame)
         eyes.append(cloud.eye)
-        if not injected and not (files and cloud.number >= len(files)):
-            path = files[cloud.number] if files else None
-            labels.append(_labels(cloud.msg, path, truth)[cloud.cloud.where])
-    if files and source.count != len(files):
-        must_be = f'one for each of the {source.count} clouds of {source.topic}'
-        raise RecordingError('the files with labels', must_be, len(files))
+        if not injected:
+            read.append(labels.read(cloud.number, cloud.msg)[cloud.cloud.where])
+    labels.check_count(source.count)
     if isinstance(truth, Injection):
         clouds, code = inject(clouds, truth, eyes)
     else:
-        code = np.concatenate(labels) if labels else np.zeros(0, np.int64)
+        code = np.concatenate(read)
     t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
     found = _checked(clouds, code, codes, cut(t, stretches), stretches, streamed=True)
     refused = source.count - len(clouds)
     return replace(found, frames=tuple(frames), refused=refused, unmoved=source.unmoved)
-
-
-def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Ints:
-    """Return the labels of all points of a cloud, row by row."""
-    if path is not None:
-        return read_codes_of(path, message.width * message.height)
-    if is_empty(message):
-        return np.zeros(0, np.int64)
-    return codes_of(structured(message).reshape(-1), str(truth), 'the clouds')
 
 
 def from_file(  # noqa: PLR0913  what the command line offers

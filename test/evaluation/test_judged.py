@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -37,48 +37,23 @@ def by_index(points: Judged) -> Judged:
     return points.take(order)
 
 
-def test_a_recording_is_read_as_its_clouds_say(tmp_path: Path) -> None:
-    """Every point once, with truth, verdict and number of its cloud; other topics do not count."""
-    clouds = [rows(), EMPTY, rows()]
+@pytest.mark.parametrize('beside', ['', '/lidar', '/lidar/cleaned', '/other/cleaned'])
+def test_a_recording_is_read_as_its_clouds_say(tmp_path: Path, beside: str) -> None:
+    """Every point once, with truth, verdict, scores and cloud; other messages do not count."""
+    clouds = [rows(SCORED), EMPTY, rows(SCORED)]
     topics = answers(clouds, [REJECTED, NONE, ~REJECTED])
-    bag = write(tmp_path / 'bag', {'/lidar': clouds, **topics})
+    bag = write(tmp_path / 'bag', {'/lidar': clouds, **topics}, beside=beside)
     for topic in (None, '/lidar'):
         points = by_index(read_recording(bag, topic))
-        assert len(points) == 16
         np.testing.assert_array_equal(points.code, np.repeat(TRUTH[:, 0], 2))
         np.testing.assert_array_equal(points.bad, np.repeat(BAD, 2))
         np.testing.assert_array_equal(points.range, np.repeat(10 * np.arange(8) + 1, 2))
         np.testing.assert_array_equal(points.surface, np.repeat(TRUTH[:, 1], 2))
-        first = points.take(points.index == 0)
-        np.testing.assert_array_equal(first.rejected, REJECTED)
-        last = points.take(points.index == 2)
-        np.testing.assert_array_equal(last.rejected, ~REJECTED)
-        assert points.score is None
-        assert points.detectors is None
-
-
-@pytest.mark.parametrize(
-    'beside', ['/lidar', '/lidar/cleaned', '/lidar/outliers', '/other/cleaned']
-)
-def test_what_else_comes_on_the_topics(tmp_path: Path, beside: str) -> None:
-    """Messages of another type on the topics of clouds and answers are not looked at."""
-    clouds = [rows(), rows()]
-    topics = {'/lidar': clouds, **answers(clouds, [REJECTED, ~REJECTED])}
-    bag = write(tmp_path / 'bag', topics, beside=beside)
-    expected = read_recording(write(tmp_path / 'plain', topics))
-    found = read_recording(bag)
-    np.testing.assert_array_equal(found.rejected, expected.rejected)
-    np.testing.assert_array_equal(found.code, expected.code)
-    with pytest.raises(FilterError, match=r"with '/cleaned' and '/outliers' \(none\)"):
-        read_recording(write(tmp_path / 'none', {'/other/outliers': clouds}, beside=beside))
-
-
-def test_scores_are_read_where_they_are(tmp_path: Path) -> None:
-    """Score and bits belong to their points."""
-    cloud = rows(SCORED)
-    points = by_index(read_recording(write(tmp_path / 'bag', answers([cloud], [REJECTED]))))
-    np.testing.assert_array_equal(points.score, cloud['outlier_score'])
-    np.testing.assert_array_equal(points.detectors, cloud['outlier_detectors'])
+        for number, rejected in ((0, REJECTED), (2, ~REJECTED)):
+            part = points.take(points.index == number)
+            np.testing.assert_array_equal(part.rejected, rejected)
+            np.testing.assert_array_equal(part.score, clouds[0]['outlier_score'])
+            np.testing.assert_array_equal(part.detectors, clouds[0]['outlier_detectors'])
 
 
 @pytest.mark.parametrize('keep_organized', [False, True])
@@ -99,21 +74,18 @@ def test_missing_returns_and_holes_are_no_points(tmp_path: Path, *, keep_organiz
     np.testing.assert_array_equal(points.code, TRUTH[4:, 0])
 
 
-def test_codes_say_what_is_an_outlier_and_what_counts(tmp_path: Path) -> None:
-    """Exhaust alone is bad here; mixed points do not count at all."""
+def test_codes_and_fields(tmp_path: Path) -> None:
+    """Codes select outliers and points that count; any field of whole numbers can be the truth."""
     bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]))
     points = by_index(read_recording(bag, codes=Codes(frozenset({2}), frozenset({5}))))
     np.testing.assert_array_equal(points.code, [0, 2, 0, 2, 0, 0, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 0, 0, 0])
-
-
-def test_any_field_of_whole_numbers_is_a_truth(tmp_path: Path) -> None:
-    """The field may have another name; a float is none."""
-    bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]))
     points = by_index(read_recording(bag, label='surface'))
     np.testing.assert_array_equal(points.code, TRUTH[:, 1])
-    with pytest.raises(FilterError, match="cleaned must be with whole numbers 'x', got x, y, z"):
-        read_recording(bag, label='x')
+    assert (
+        read_recording(write(tmp_path / 'b', answers([rows()], [REJECTED]), 'surface')).surface
+        is None
+    )
 
 
 def test_stretches_follow_the_clouds() -> None:
@@ -128,38 +100,23 @@ def test_stretches_follow_the_clouds() -> None:
 
 
 def test_refusals(tmp_path: Path) -> None:
-    """No answers, several, answers without points, and unknown topics are refused."""
-    one = write(tmp_path / 'one', answers([rows()], [REJECTED]))
-    two = {**answers([rows()], [REJECTED]), '/b/cleaned': [], '/b/outliers': []}
-    cases = (
-        (write(tmp_path / 'none', {'/lidar': [rows()]}), None, r'\(none\), got None'),
-        (write(tmp_path / 'two', two), None, r'\(/b, /lidar\), got None'),
-        (one, '/other', r"\(/lidar\), got '/other'"),
-    )
-    for bag, topic, match in cases:
+    """No answers, several, empty ones, unknown topics or fields, and fields that differ."""
+    one = answers([rows()], [REJECTED])
+    mixed = answers([rows(), rows(SCORED)], [REJECTED, REJECTED])
+    cases: list[tuple[dict[str, Any], str | None, str, str]] = [
+        ({'/lidar': [rows()]}, None, '', r'\(none\), got None'),
+        ({**one, '/b/cleaned': [], '/b/outliers': []}, None, '', r'\(/b, /lidar\), got None'),
+        (one, '/other', '', r"\(/lidar\), got '/other'"),
+        ({'/l/cleaned': [EMPTY], '/l/outliers': []}, None, '', 'at least one point, got none'),
+        (one, None, 'x', "must be with whole numbers 'x', got x, y, z, t, label"),
+        (one, None, 'truth', "must be with whole numbers 'truth', got x, y, z, t, label"),
+        (mixed, None, '', 'must be the same in all, got score in some'),
+    ]
+    for number, (topics, topic, label, match) in enumerate(cases):
         with pytest.raises(FilterError, match=match):
-            read_recording(bag, topic)
-    empty = write(tmp_path / 'empty', {'/l/cleaned': [EMPTY], '/l/outliers': []})
-    with pytest.raises(FilterError, match='must be at least one point, got none'):
-        read_recording(empty)
+            read_recording(write(tmp_path / f'{number}', topics), topic, label)
     with pytest.raises(FilterError, match='readable'):
         read_recording(tmp_path / 'nowhere')
-
-
-def test_answers_without_truth_are_refused(tmp_path: Path) -> None:
-    """Clouds without the truth are named with the fields that they have; a surface may lack."""
-    bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]), without='label')
-    with pytest.raises(FilterError, match="with whole numbers 'label', got x, y, z, t, surface"):
-        read_recording(bag)
-    bag = write(tmp_path / 'other', answers([rows()], [REJECTED]), without='surface')
-    assert read_recording(bag).surface is None
-
-
-def test_answers_that_differ_are_refused(tmp_path: Path) -> None:
-    """Scores in one cloud and none in the next are two runs in one recording."""
-    topics = answers([rows(), rows(SCORED)], [REJECTED, REJECTED])
-    with pytest.raises(FilterError, match='must be the same in all, got others'):
-        read_recording(write(tmp_path / 'bag', topics))
 
 
 # Labels in files --------------------------------------------------------------------------------
@@ -180,17 +137,20 @@ def files(tmp_path: Path, count: int) -> list[Path]:
     ]
 
 
-@pytest.mark.parametrize('dtype', [POINT, SCORED])
-def test_label_files_beside_a_recording(tmp_path: Path, dtype: np.dtype[np.void]) -> None:
-    """Labels are in the order of the input; answers find theirs, whatever was added to them."""
+def test_label_files_beside_a_recording(tmp_path: Path) -> None:
+    """Labels belong to points of the input, also behind a refused cloud and with scores."""
     inputs = [np.roll(rows(), i) for i in range(3)]
-    outputs = [np.roll(rows(dtype), i) for i in range(3)]
-    rejected = [np.roll(REJECTED, i) for i in range(3)]
-    bag = write(tmp_path / 'bag', {'/lidar': inputs, **answers(outputs, rejected)})
-    given = read_recording(bag, files=files(tmp_path, 3))
-    inside = read_recording(bag)
-    for name in ('code', 'bad', 'rejected', 'index', 'range'):
-        np.testing.assert_array_equal(getattr(given, name), getattr(inside, name))
+    outputs = [np.roll(rows(SCORED), i) for i in range(3)]
+    topics = {
+        name: [to_message(i * 100_000_000, clouds[i]) for i in (0, 2)]
+        for name, clouds in answers(outputs, [np.roll(REJECTED, i) for i in range(3)]).items()
+    }
+    bag = write(tmp_path / 'bag', {'/lidar': inputs, **topics})
+    given = by_index(read_recording(bag, files=files(tmp_path, 3)))
+    assert set(given.index.tolist()) == {0, 2}
+    np.testing.assert_array_equal(given.code, np.repeat(TRUTH[:, 0], 2))
+    np.testing.assert_array_equal(given.bad, np.repeat(BAD, 2))
+    np.testing.assert_array_equal(given.rejected, np.repeat(REJECTED, 2))
 
 
 def test_label_files_beside_organised_clouds(tmp_path: Path) -> None:
@@ -218,54 +178,36 @@ def test_equal_points_are_told_apart_by_their_order(tmp_path: Path) -> None:
     assert 7 in points.code[~points.rejected]
 
 
-def test_a_refused_cloud_has_labels_and_no_answer(tmp_path: Path) -> None:
-    """The clouds after it keep their own labels."""
-    inputs = [np.roll(rows(), i) for i in range(3)]
-    topics = answers(inputs, [np.roll(REJECTED, i) for i in range(3)])
-    messages = {
-        name: [to_message(i * 100_000_000, cloud) for i, cloud in enumerate(clouds) if i != 1]
-        for name, clouds in topics.items()
-    }
-    bag = write(tmp_path / 'bag', {'/lidar': inputs, **messages})
-    points = read_recording(bag, files=files(tmp_path, 3))
-    assert sorted(set(points.index.tolist())) == [0, 2]
-    np.testing.assert_array_equal(by_index(points).code, np.repeat(TRUTH[:, 0], 2))
-
-
 def test_refused_label_files(tmp_path: Path) -> None:
     """Too few, too many, of the wrong size, without the input, and for other clouds."""
     cloud = rows()
-    bag = write(tmp_path / 'bag', {'/lidar': [cloud] * 2, **answers([cloud] * 2, [REJECTED] * 2)})
     labels = files(tmp_path, 3)
-    with pytest.raises(FilterError, match='must be one for each of the 2 clouds of /lidar, got 3'):
-        read_recording(bag, files=labels)
-    with pytest.raises(FilterError, match='must be one for each cloud of /lidar, got 1'):
-        read_recording(bag, files=labels[:1])
     short = kitti(tmp_path / 'short.label', np.zeros(7, np.int64))
-    with pytest.raises(FilterError, match=r'short\.label must be for 8 points, got 7'):
-        read_recording(bag, files=[labels[0], short])
-    dropped = write(tmp_path / 'dropped', answers([cloud], [REJECTED]))
-    with pytest.raises(
-        FilterError, match='must be with /lidar, which the labels are for, got no /lidar'
-    ):
-        read_recording(dropped, files=labels[:1])
-    late = write(tmp_path / 'late', {'/lidar': [cloud], **answers([cloud] * 2, [REJECTED] * 2)})
-    with pytest.raises(FilterError, match=r'must be to clouds of /lidar, by their stamps, got one'):
-        read_recording(late, files=labels[:1])
-    twice = [to_message(0, cloud)] * 2
-    bag = write(tmp_path / 'twice', {'/lidar': twice, **answers([cloud], [REJECTED])})
-    with pytest.raises(
-        FilterError, match=r'the stamps of /lidar must be different, got \(0, 0\) t'
-    ):
-        read_recording(bag, files=labels[:2])
+    one, two = answers([cloud], [REJECTED]), answers([cloud] * 2, [REJECTED] * 2)
     other = cloud.copy()
     other['z'] += 1
-    bag = write(tmp_path / 'other', {'/lidar': [cloud], **answers([other], [REJECTED])})
-    with pytest.raises(FilterError, match='must be the points of cloud 0 of /lidar, got others'):
-        read_recording(bag, files=labels[:1])
-    bag = write(tmp_path / 'lost', {'/lidar': [cloud], **answers([cloud[1:]], [REJECTED[1:]])})
-    with pytest.raises(FilterError, match='must be the points of cloud 0 of /lidar, got others'):
-        read_recording(bag, files=labels[:1])
+    lost = answers([cloud[1:]], [REJECTED[1:]])
+    cases: list[tuple[dict[str, Any], list[Path], str]] = [
+        ({'/lidar': [cloud] * 2, **two}, labels, 'one for each of the 2 clouds of /lidar, got 3'),
+        ({'/lidar': [cloud] * 2, **two}, labels[:1], 'one for each cloud of /lidar, got 1'),
+        ({'/lidar': [cloud], **one}, [short], r'short\.label must be for 8 points, got 7'),
+        (one, labels[:1], 'must be with /lidar, which the labels are for, got no /lidar'),
+        ({'/lidar': [cloud], **two}, labels[:1], 'to clouds of /lidar, by their stamps, got one'),
+        (
+            {'/lidar': [to_message(0, cloud)] * 2, **one},
+            labels[:2],
+            r'the stamps of /lidar must be different, got \(0, 0\) t',
+        ),
+        (
+            {'/lidar': [cloud], **answers([other], [REJECTED])},
+            labels[:1],
+            'must be the points of cloud 0 of /lidar, got others',
+        ),
+        ({'/lidar': [cloud], **lost}, labels[:1], 'the points of cloud 0 of /lidar, got others'),
+    ]
+    for number, (topics, given, match) in enumerate(cases):
+        with pytest.raises(FilterError, match=match):
+            read_recording(write(tmp_path / f'{number}', topics), files=given)
 
 
 def test_causes_have_names() -> None:

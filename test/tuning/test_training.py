@@ -138,7 +138,7 @@ def test_label_files(tmp_path: Path) -> None:
     valid = np.isfinite(taken['x'] + taken['y'] + taken['z'])
     np.testing.assert_array_equal(data.bad, (taken['label'] != 0)[valid])
     for wrong in (files[:-1], [*files, files[0]]):
-        with pytest.raises(FilterError, match='must be one for each of the 12 clouds of /lidar'):
+        with pytest.raises(FilterError, match='must be one for each'):
             from_recording(bag, DEFAULTS, codes, truth=wrong)
     np.zeros(3, '<u4').tofile(files[1])
     with pytest.raises(FilterError, match='must be for 400 points, got 3'):
