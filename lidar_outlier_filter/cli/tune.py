@@ -122,8 +122,9 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.disk.new_files import check_new
+    from lidar_outlier_filter.disk.new_files import check_new, new_output
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.parameters.yaml_files import write_yaml
     from lidar_outlier_filter.tuning import output as tuned
     from lidar_outlier_filter.tuning.search import Goal, tune
     from lidar_outlier_filter.tuning.training import together
@@ -150,7 +151,8 @@ def _run(options: argparse.Namespace) -> int:
         )
     names = ', '.join(path.name for path in options.data)
     about = tuned.sentence(found, names)
-    tuned.write(output, found.parameters, about)
+    with new_output(output) as built:
+        built.write_text(f'# {about}\n{write_yaml(found.parameters.flat())}', encoding='utf-8')
     _show(found, parameters, output)
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')

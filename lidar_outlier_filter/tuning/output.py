@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.evaluation.confusion import CONFIDENCE, Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.parameters.yaml_files import as_yaml, write_yaml
+from lidar_outlier_filter.parameters.yaml_files import as_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -108,20 +106,6 @@ def _alone(found: Tuned) -> Table:
     for name, (outliers, good) in found.alone.items():
         answer.add_row(name, f'{outliers:,}', f'{good:,}')
     return answer
-
-
-def write(path: Path, parameters: FilterParameters, about: str) -> None:
-    """Write a new ROS parameter file, whole or not at all, with a sentence on top.
-
-    Raises
-    ------
-    RecordingError
-        If it exists, or cannot be written.
-
-    """
-    with new_output(path) as built:
-        text = f'# {about}\n{write_yaml(parameters.flat())}'
-        built.write_text(text, encoding='utf-8')
 
 
 def sentence(found: Tuned, source: str) -> str:

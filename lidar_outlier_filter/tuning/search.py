@@ -1,19 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The search for parameters, and an honest figure of what they are worth.
+"""Search the parameters of a chain by cross-validation over stretches of recordings.
 
-A model proposes: every detector is scored alone, once for each of its settings, thresholds are
-swept over these scores, and verdicts are combined as the chain combines them. Then the chain itself
-decides: each threshold is swept again where the chain is now, and the result is kept where the
-chain is better with it. The figure is that of stretches of the recording that a search has not
-seen: the same search is done once for each fold, without it.
+Every detector is scored alone, once for each of its settings; thresholds are swept over these
+scores, and verdicts are combined as the chain combines them. The chain itself then decides: each
+threshold is swept again beside the other detectors, and kept if the chain gets better. The expected
+F1 is measured on stretches that a search has not seen: the search is repeated without each fold.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,15 +36,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.tuning.search_space import Search, Values
     from lidar_outlier_filter.tuning.training import Training
 
-ROUNDS = 5  # over all detectors, or until nothing changes
-SLACK = 1e-3  # what is worth this much less, relatively, is as good
-HELD = 8  # verdicts that are kept in memory
+MAX_ROUNDS = 5  # over all detectors, or until nothing changes
+TOLERANCE = 1e-3  # relative: values that are worth this much less are as good
+MAX_VERDICTS = 8  # kept in memory
 MIN_FOLDS = 2
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What to look for.
+    """The objective of a search: F1 under a limit of false rejections.
 
     Attributes
     ----------
@@ -56,13 +55,13 @@ class Goal:
     most_lost: float = 0.01
 
     def __post_init__(self) -> None:
-        """Refuse what is no goal."""
+        """Refuse an invalid limit."""
         if not 0 < self.most_lost <= 1:
             must_be = 'more than 0, at most 1'
             raise FilterError('the share of good points that may be lost', must_be, self.most_lost)
 
     def worth(self, counts: Ints) -> Floats:
-        """Say what tallies (..., 4) are worth: the F1, or below 0 beyond the limit."""
+        """Return the F1 of tallies (..., 4), or minus the share lost where it exceeds the limit."""
         lost = counts[..., LOST] / np.maximum(counts[..., LOST] + counts[..., KEPT], 1)
         value: Floats = np.where(lost <= self.most_lost, np.nan_to_num(f1(counts)), -lost)
         return value
@@ -70,7 +69,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Choice:
-    """A setting of a detector, and a value of its threshold; the one behind the last is off."""
+    """Indices of a setting and of a threshold of a detector; one beyond the last value: off."""
 
     setting: int
     value: int
@@ -85,141 +84,53 @@ def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> NDArray[np.
     return np.where(np.isnan(statistic), 0, level).astype(np.uint16)
 
 
+def sweep(  # noqa: PLR0913  what a threshold depends on
+    level: NDArray[np.uint16],
+    values: int,
+    bad: Bools,
+    good: Bools,
+    others: NDArray[np.unsignedinteger],
+    needed: int,
+) -> Ints:
+    """Tally what each value of a threshold gives, and last, what the detector gives when off.
+
+    Parameters
+    ----------
+    level : (N,)
+        See :func:`levels`.
+    values : number of values, V
+    bad, good : (N,) bool
+        Truth; points that are neither do not count.
+    others : (N,)
+        How many other detectors reject each point.
+    needed : detectors that must agree
+
+    Returns
+    -------
+    counts : (V + 1, 4) int64
+        See :func:`~lidar_outlier_filter.evaluation.confusion.tally`.
+
+    """
+    sure, undecided = others >= needed, others == needed - 1
+    counts = np.empty((values + 1, 4), np.int64)
+    for mine, yes, no in ((bad, FOUND, MISSED), (good, LOST, KEPT)):
+        histogram = np.bincount(level[mine & undecided], minlength=values + 1)
+        above = histogram[::-1].cumsum()[::-1]
+        counts[:, yes] = np.append(above[1:], 0) + np.count_nonzero(mine & sure)
+        counts[:, no] = np.count_nonzero(mine) - counts[:, yes]
+    return counts
+
+
 def middle_of_best(worth: Floats) -> int:
-    """Find the middle of the values around the best that are as good, but for a thousandth.
+    """Find the middle of the values around the best that are as good, within ``TOLERANCE``.
 
     The very best is best by chance, and an end of the good values is near the bad ones.
     """
     best = int(np.argmax(worth))
-    good = worth >= worth[best] - SLACK * abs(worth[best])
-    first = last = best
-    while first > 0 and good[first - 1]:
-        first -= 1
-    while last < len(worth) - 1 and good[last + 1]:
-        last += 1
+    worse = np.flatnonzero(worth < worth[best] - TOLERANCE * abs(worth[best]))
+    first = int(worse[worse < best].max(initial=-1)) + 1
+    last = int(worse[worse > best].min(initial=len(worth))) - 1
     return (first + last) // 2
-
-
-class Model:
-    """The scores of all points by every setting of every detector."""
-
-    def __init__(
-        self,
-        data: Training,
-        parameters: FilterParameters,
-        searches: Sequence[Search],
-        goal: Goal,
-        progress: Progress = lambda _done, _total, _what: None,
-    ) -> None:
-        """Run every detector, alone, in each of its settings and near its usual threshold."""
-        self._data, self._goal = data, goal
-        self._searches = {search.detector: search for search in searches}
-        self._needed = max(parameters.vote, 1)
-        self._levels: dict[tuple[str, int], NDArray[np.uint16]] = {}
-        usual = {item.name: item.default for item in describe()}
-        total = sum(len(search.settings) for search in searches)
-        for search in searches:
-            for number, setting in enumerate(search.settings):
-                progress(len(self._levels), total, 'scores')
-                alone = {**setting, 'chain': [search.detector], 'vote': 0}
-
-                def score_of(changes: Values, alone: Values = alone) -> NDArray[np.float32]:
-                    return data.judge(parameters.changed({**alone, **changes})).score
-
-                threshold = search.threshold
-                statistic = threshold.statistic(score_of, usual[threshold.name])
-                self._levels[search.detector, number] = levels(threshold, statistic)
-
-    def sweep(
-        self,
-        level: NDArray[np.uint16],
-        most: int,
-        points: Bools,
-        others: NDArray[np.unsignedinteger],
-        needed: int | None = None,
-    ) -> Floats:
-        """Say what each value of a threshold is worth, and last, what it is worth to be off.
-
-        Parameters
-        ----------
-        level : (N,)
-            See :func:`levels`.
-        most : number of values
-        points : (N,) bool
-            Those that count.
-        others : (N,)
-            How many other detectors reject each point.
-        needed : detectors that must agree; None: as many as the chain needs
-
-        """
-        needed = self._needed if needed is None else needed
-        sure, undecided = others >= needed, others == needed - 1
-        counts = np.empty((most + 1, 4), np.int64)
-        for truth, yes, no in ((self._data.bad, FOUND, MISSED), (self._data.good, LOST, KEPT)):
-            mine = truth & points
-            histogram = np.bincount(level[mine & undecided], minlength=most + 1)
-            above = histogram[::-1].cumsum()[::-1]
-            counts[:, yes] = np.append(above[1:], 0) + np.count_nonzero(mine & sure)
-            counts[:, no] = np.count_nonzero(mine) - counts[:, yes]
-        return self._goal.worth(counts)
-
-    def find(self, points: Bools) -> dict[str, object]:
-        """Choose settings and thresholds of all detectors for each other, on some points (N,)."""
-        alone = {name: self._best(name, points, {}, 1) for name in self._searches}
-        # Beginning with the best one, or with all of them at once, as where several must agree.
-        order = sorted(alone, key=lambda name: -alone[name][0])
-        starts: list[dict[str, Choice]] = [{name: alone[name][1] for name in order}]
-        if self._needed == 1:
-            starts.insert(0, {})
-        found = [self._descend(start, order, points) for start in starts]
-        _, chosen = max(found, key=lambda pair: pair[0])
-        values: dict[str, object] = {}
-        for name, choice in chosen.items():
-            search = self._searches[name]
-            values |= search.settings[choice.setting]
-            # What would better be off rejects as little as it can.
-            last = len(search.threshold.values) - 1
-            values[search.threshold.name] = search.threshold.values[min(choice.value, last)]
-        return values
-
-    def _descend(
-        self,
-        chosen: dict[str, Choice],
-        order: Sequence[str],
-        points: Bools,
-    ) -> tuple[float, dict[str, Choice]]:
-        """Choose for one detector after the other, until nothing changes."""
-        worth = -np.inf
-        for _ in range(ROUNDS):
-            before = worth
-            for name in order:
-                others = {other: choice for other, choice in chosen.items() if other != name}
-                found, choice = self._best(name, points, others, self._needed)
-                if found > worth or name not in chosen:
-                    chosen, worth = {**others, name: choice}, found
-            if worth == before:
-                break
-        return worth, chosen
-
-    def _best(
-        self,
-        name: str,
-        points: Bools,
-        others: Mapping[str, Choice],
-        needed: int,
-    ) -> tuple[float, Choice]:
-        """Find the best setting and value of a detector, beside what others reject."""
-        count = np.zeros(len(self._data), np.uint8)
-        for other, choice in others.items():
-            count += self._levels[other, choice.setting] > choice.value
-        most = len(self._searches[name].threshold.values)
-        best, chosen = -np.inf, Choice(0, most)
-        for number in range(len(self._searches[name].settings)):
-            worth = self.sweep(self._levels[name, number], most, points, count, needed)
-            value = middle_of_best(worth)
-            if worth[value] > best:
-                best, chosen = float(worth[value]), Choice(number, value)
-        return best, chosen
 
 
 def tune(  # noqa: PLR0913  what the command line offers
@@ -232,7 +143,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     kept: Iterable[str] = (),
     progress: Progress = lambda _done, _total, _what: None,
 ) -> Tuned:
-    """Search for the best parameters of a chain, and say what they are worth.
+    """Search for the best parameters of a chain, and estimate their F1 by cross-validation.
 
     Parameters
     ----------
@@ -243,27 +154,26 @@ def tune(  # noqa: PLR0913  what the command line offers
         recordings, whole ones
     wanted : values to try, by parameter, instead of or beside those of the table
     kept : parameters to leave as they are
-    progress : is called before every run: how many of how many steps are done, and of what; it may
-        leave
+    progress : is called before every run with the steps done, all steps, and their name; an
+        exception that it raises ends the search
 
     Raises
     ------
     FilterError
-        If there are fewer than two folds, or more of them than stretches or recordings, or what is
-        to be searched cannot be.
+        If there are fewer than two folds, or more of them than stretches or recordings, or a
+        parameter cannot be searched.
 
     """
     fold = fold_of_each(data, folds)
-    listed = searches(parameters, wanted, kept)
-    searcher = Searcher(data, parameters, listed, goal, progress)
+    searcher = Searcher(data, parameters, searches(parameters, wanted, kept), goal, progress)
     held_out = np.zeros((data.stretches, 4), np.int64)
     found = []
     for number in range(folds):
-        searcher.say = partial(progress, number, folds + 1, 'folds')
+        searcher.report = partial(progress, number, folds + 1, 'folds')
         out = fold == number
         found.append(searcher.find(~out))
         held_out[out] = searcher.measure(found[-1])[out]
-    searcher.say = partial(progress, folds, folds + 1, 'folds')
+    searcher.report = partial(progress, folds, folds + 1, 'folds')
     values = searcher.find(np.ones(data.stretches, np.bool_))
     return Tuned(
         parameters.changed(values),
@@ -277,7 +187,7 @@ def tune(  # noqa: PLR0913  what the command line offers
 
 
 def fold_of_each(data: Training, folds: int) -> Ints:
-    """Put every stretch (S,) into a fold.
+    """Return the fold of every stretch (S,).
 
     Of several recordings each is wholly in one: another drive differs more from this one than its
     own stretches do from each other.
@@ -291,6 +201,7 @@ def fold_of_each(data: Training, folds: int) -> Ints:
 
 
 def _alone(data: Training, verdict: Verdict, chain: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Count the outliers and good points that each detector, and no other, rejects."""
     result = {}
     for name in chain:
         mine = verdict.rejected & (verdict.detectors & ALL == DETECTORS[name].bit)
@@ -300,9 +211,12 @@ def _alone(data: Training, verdict: Verdict, chain: Sequence[str]) -> dict[str, 
 
 
 class Searcher:
-    """Searches on some stretches or on all; what was computed once is not computed again.
+    """Searches on some stretches or on all, and caches the runs of detectors and of the chain.
 
-    ``say`` is called before every run.
+    Attributes
+    ----------
+    report : is called before every run of the chain
+
     """
 
     def __init__(
@@ -313,16 +227,48 @@ class Searcher:
         goal: Goal,
         progress: Progress,
     ) -> None:
-        """Make the model of the chain."""
+        """Run every detector, alone, in each of its settings and near its usual threshold."""
         self._data, self._parameters, self._goal = data, parameters, goal
-        self._thresholds = {search.detector: search.threshold for search in listed}
-        self._model = Model(data, parameters, listed, goal, progress)
-        self.say: Callable[[], object] = lambda: None
+        self._searches = {search.detector: search for search in listed}
+        self._needed = max(parameters.vote, 1)
         self._counts: dict[tuple[tuple[str, object], ...], Ints] = {}
         self._verdicts: dict[tuple[tuple[str, object], ...], Verdict] = {}
+        self._levels: dict[tuple[str, int], NDArray[np.uint16]] = {}
+        usual = {item.name: item.default for item in describe()}
+        total = sum(len(search.settings) for search in listed)
+        for search in listed:
+            for number, setting in enumerate(search.settings):
+                self.report: Callable[[], object] = partial(
+                    progress, len(self._levels), total, 'scores'
+                )
+                default = usual[search.threshold.name]
+                self._levels[search.detector, number] = self._run(search, setting, default)
+
+    def _run(
+        self, search: Search, setting: Values, value: Any, seen: Bools | None = None
+    ) -> NDArray[np.uint16]:
+        """Run a detector alone near a value of its threshold; return the levels of the points."""
+        alone = {**setting, 'chain': [search.detector], 'vote': 0}
+
+        def score_of(changes: Values) -> NDArray[np.float32]:
+            self.report()
+            parameters = self._parameters.changed({**alone, **changes})
+            return self._data.judge(parameters, seen).score
+
+        return levels(search.threshold, search.threshold.statistic(score_of, value))
+
+    def judge(self, values: Values) -> Verdict:
+        """Run the chain with some parameters changed."""
+        key = tuple(sorted(values.items()))
+        if key not in self._verdicts:
+            while len(self._verdicts) >= MAX_VERDICTS:
+                del self._verdicts[next(iter(self._verdicts))]
+            self.report()
+            self._verdicts[key] = self._data.judge(self._parameters.changed(values))
+        return self._verdicts[key]
 
     def measure(self, values: Values) -> Ints:
-        """Run the chain with some parameters changed; count by stretch: (S, 4)."""
+        """Run the chain with some parameters changed; tally by stretch, (S, 4)."""
         key = tuple(sorted(values.items()))
         if key not in self._counts:
             data, rejected = self._data, self.judge(values).rejected
@@ -332,40 +278,84 @@ class Searcher:
             )
         return self._counts[key]
 
-    def judge(self, values: Values) -> Verdict:
-        """Run the chain with some parameters changed."""
-        key = tuple(sorted(values.items()))
-        if key not in self._verdicts:
-            while len(self._verdicts) >= HELD:
-                del self._verdicts[next(iter(self._verdicts))]
-            self.say()
-            self._verdicts[key] = self._data.judge(self._parameters.changed(values))
-        return self._verdicts[key]
-
     def find(self, train: Bools) -> dict[str, object]:
-        """Search on the stretches (S,) given; return the parameters to be changed."""
+        """Search on the stretches (S,) given; return the changed parameters."""
         points = train[self._data.stretch]
-        values = self._model.find(points)
-        for _ in range(ROUNDS):
+        bad, good = self._data.bad & points, self._data.good & points
+
+        def worth(candidate: Values) -> float:
+            return float(self._goal.worth(self.measure(candidate)[train].sum(axis=0)))
+
+        values = self._propose(bad, good)
+        for _ in range(MAX_ROUNDS):
             before = values
             for detector in self._parameters.chain:
-                candidate = self._swept_again(detector, values, points)
-                if self._worth(candidate, train) > self._worth(values, train):
-                    values = candidate
+                candidate = self._swept_again(detector, values, bad, good)
+                values = candidate if worth(candidate) > worth(values) else values
             if values == before:
                 break
-        # Where nothing is better than what was given, that stays.
-        return values if self._worth(values, train) > self._worth({}, train) else {}
+        # The parameters at the start stay where nothing is better.
+        return values if worth(values) > worth({}) else {}
 
-    def _worth(self, values: Values, train: Bools) -> float:
-        return float(self._goal.worth(self.measure(values)[train].sum(axis=0)))
+    def _propose(self, bad: Bools, good: Bools) -> dict[str, object]:
+        """Choose settings and thresholds of all detectors for each other by their cached scores."""
+        alone = {name: self._best(name, bad, good, {}, 1) for name in self._searches}
+        # Begin with the best one, or with all of them at once, as where several must agree.
+        order = sorted(alone, key=lambda name: -alone[name][0])
+        starts: list[dict[str, Choice]] = [{name: alone[name][1] for name in order}]
+        if self._needed == 1:
+            starts.insert(0, {})
+        found = [self._descend(start, order, bad, good) for start in starts]
+        _, chosen = max(found, key=lambda pair: pair[0])
+        values: dict[str, object] = {}
+        for name, choice in chosen.items():
+            search = self._searches[name]
+            # A detector that would better be off rejects as little as it can.
+            last = len(search.threshold.values) - 1
+            value = search.threshold.values[min(choice.value, last)]
+            values |= {**search.settings[choice.setting], search.threshold.name: value}
+        return values
+
+    def _descend(
+        self, chosen: dict[str, Choice], order: Sequence[str], bad: Bools, good: Bools
+    ) -> tuple[float, dict[str, Choice]]:
+        """Choose for one detector after the other, until nothing changes."""
+        worth = -np.inf
+        for _ in range(MAX_ROUNDS):
+            before = worth
+            for name in order:
+                others = {other: choice for other, choice in chosen.items() if other != name}
+                found, choice = self._best(name, bad, good, others, self._needed)
+                if found > worth or name not in chosen:
+                    chosen, worth = {**others, name: choice}, found
+            if worth == before:
+                break
+        return worth, chosen
+
+    def _best(
+        self, name: str, bad: Bools, good: Bools, others: Mapping[str, Choice], needed: int
+    ) -> tuple[float, Choice]:
+        """Find the best setting and value of a detector beside the rejections of others."""
+        count = np.zeros(len(self._data), np.uint8)
+        for other, choice in others.items():
+            count += self._levels[other, choice.setting] > choice.value
+        search = self._searches[name]
+        most = len(search.threshold.values)
+        best, chosen = -np.inf, Choice(0, most)
+        for number in range(len(search.settings)):
+            counts = sweep(self._levels[name, number], most, bad, good, count, needed)
+            worth = self._goal.worth(counts)
+            value = middle_of_best(worth)
+            if worth[value] > best:
+                best, chosen = float(worth[value]), Choice(number, value)
+        return best, chosen
 
     def _swept_again(
-        self, detector: str, values: dict[str, object], points: Bools
+        self, detector: str, values: dict[str, object], bad: Bools, good: Bools
     ) -> dict[str, object]:
-        """Sweep a threshold over the scores that its detector gives where the chain is now."""
-        threshold = self._thresholds[detector]
-        chain, bits = self._parameters.chain, self.judge(values).detectors
+        """Sweep a threshold over the scores that its detector gives in the chain as it is now."""
+        search, chain = self._searches[detector], self._parameters.chain
+        threshold, bits = search.threshold, self.judge(values).detectors
         others = np.zeros(len(bits), np.uint8)
         for name in chain:
             if name != detector:
@@ -374,13 +364,8 @@ class Searcher:
         if self._parameters.vote == 0:
             earlier = sum(DETECTORS[name].bit for name in chain[: chain.index(detector)])
             seen = (bits & earlier) == 0
-
-        def score_of(changes: Values) -> NDArray[np.float32]:
-            self.say()
-            alone = {**values, **changes, 'chain': [detector], 'vote': 0}
-            return self._data.judge(self._parameters.changed(alone), seen).score
-
         now = self._parameters.changed(values).flat()[threshold.name]
-        level = levels(threshold, threshold.statistic(score_of, now))
-        worth = self._model.sweep(level, len(threshold.values), points, others)
-        return {**values, threshold.name: threshold.values[middle_of_best(worth[:-1])]}
+        level = self._run(search, values, now, seen)
+        counts = sweep(level, len(threshold.values), bad, good, others, self._needed)
+        worth = self._goal.worth(counts[:-1])
+        return {**values, threshold.name: threshold.values[middle_of_best(worth)]}

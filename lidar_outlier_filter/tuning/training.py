@@ -22,7 +22,7 @@ from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.tuning.inject import Injection, inject
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Sequence, Sized
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -50,6 +50,7 @@ class Training:
     unmoved : clouds that have no poses, under ``motion.source``
     frames : of the clouds, where they are not all of one; those of different frames are never
         judged together
+    parts : several recordings, each judged by itself
 
     """
 
@@ -62,6 +63,7 @@ class Training:
     refused: int = 0
     unmoved: int = 0
     frames: tuple[str, ...] = ()
+    parts: tuple[Training, ...] = ()
 
     def __len__(self) -> int:
         """Count the points."""
@@ -69,54 +71,49 @@ class Training:
 
     @property
     def sources(self) -> Ints:
-        """Return of each stretch, (S,), which recording it is of."""
-        return np.zeros(self.stretches, np.int64)
+        """The recording that each stretch, (S,), is of."""
+        return np.repeat(
+            np.arange(len(self.parts) or 1), [p.stretches for p in self.parts or [self]]
+        )
 
     def judge(self, parameters: FilterParameters, seen: Bools | None = None) -> Verdict:
-        """Judge the points as the node would, or those of them that are to be seen."""
+        """Judge all points as the node would, or as if those that are not seen were not there."""
+        if self.parts:
+            masks = self._split(seen, self.parts)
+            return _joined([p.judge(parameters, m) for p, m in zip(self.parts, masks, strict=True)])
         clouds: Sequence[Points] = self.clouds
         if seen is not None:
-            ends = np.cumsum([len(cloud) for cloud in clouds])[:-1]
-            parts = np.split(seen, ends)
-            clouds = [cloud.take(part) for cloud, part in zip(clouds, parts, strict=True)]
+            masks = self._split(seen, clouds)
+            clouds = [cloud.take(mask) for cloud, mask in zip(clouds, masks, strict=True)]
         if self.streamed:
             result = _stream(clouds, self.frames or [''] * len(clouds), parameters)
         else:
-            result = _whole(clouds, parameters)
+            result = Chain(parameters, whole=True).judge(clouds[0])
         if seen is None:
             return result
         verdict = Verdict.untested(len(self))
         verdict.put(seen, result)
         return verdict
 
-
-@dataclass(frozen=True)
-class _Several(Training):
-    """Several recordings, each judged by itself."""
-
-    parts: tuple[Training, ...] = ()
-
-    @property
-    def sources(self) -> Ints:
-        return np.repeat(np.arange(len(self.parts)), [part.stretches for part in self.parts])
-
-    def judge(self, parameters: FilterParameters, seen: Bools | None = None) -> Verdict:
-        ends = np.cumsum([len(part) for part in self.parts])[:-1]
-        masks = [None] * len(self.parts) if seen is None else np.split(seen, ends)
-        return _joined([p.judge(parameters, m) for p, m in zip(self.parts, masks, strict=True)])
+    @staticmethod
+    def _split(seen: Bools | None, parts: Sequence[Sized]) -> list[Any]:
+        """Cut a mask of all points into those of the parts."""
+        if seen is None:
+            return [None] * len(parts)
+        return np.split(seen, np.cumsum([len(part) for part in parts])[:-1])
 
 
 def together(parts: Sequence[Training]) -> Training:
     """Put recordings beside each other: the stretches of the second follow those of the first."""
     if len(parts) == 1:
         return parts[0]
-    before = np.cumsum([0, *(part.stretches for part in parts)])
-    return _Several(
+    first = np.cumsum([0, *(part.stretches for part in parts)])
+    return Training(
         (),
         np.concatenate([part.bad for part in parts]),
         np.concatenate([part.good for part in parts]),
-        np.concatenate([part.stretch + first for part, first in zip(parts, before, strict=False)]),
-        int(before[-1]),
+        np.concatenate([part.stretch + begin for part, begin in zip(parts, first, strict=False)]),
+        int(first[-1]),
         refused=sum(part.refused for part in parts),
         unmoved=sum(part.unmoved for part in parts),
         parts=tuple(parts),
@@ -143,10 +140,6 @@ def _joined(verdicts: Sequence[Verdict]) -> Verdict:
         for field in fields(Verdict)
     }
     return Verdict(**columns)
-
-
-def _whole(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
-    return Chain(parameters, whole=True).judge(clouds[0])
 
 
 def from_recording(  # noqa: PLR0913  what the command line offers

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,6 +19,9 @@ from lidar_outlier_filter.evaluation.confusion import (
     curve,
     f1_interval,
 )
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Reals
 
 
 @pytest.mark.parametrize(
@@ -100,7 +104,7 @@ def test_equal_to_scikit_learn(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     bad = rng.random(500) < 0.1
     bad[:2] = True, False
-    score = rng.lognormal(0, 1, 500) + 2 * bad * rng.random(500)
+    score: Reals = rng.lognormal(0, 1, 500) + 2 * bad * rng.random(500)
     if kind == 'ties':
         score = np.round(score.astype(np.float32))
     if kind in {'all equal', 'all untested'}:

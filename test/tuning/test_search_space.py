@@ -33,22 +33,10 @@ FORMS: list[dict[str, object]] = [
     },
     {'chain': ['lof']},
     {'chain': ['lof'], 'lof.statistic': 'lof2'},
-    {'chain': ['sor']},
     {'chain': ['sor'], 'sor.range_scaled': True},
-    {'chain': ['sor'], 'sor.statistic': 'sor2'},
     {'chain': ['sor'], 'sor.statistic': 'sor2', 'sor.range_scaled': True},
     {'chain': ['sor'], 'sor.statistic': 'radius'},
-    {
-        'chain': ['sor'],
-        'sor.statistic': 'radius',
-        'sor.range_scaled': True,
-        'sor.range_factor': 0.005,
-    },
-    {'chain': ['boosted_trees']},
-    {
-        'chain': ['boosted_trees'],
-        'boosted_trees.sensor': 'spinning',
-    },
+    {'chain': ['boosted_trees'], 'boosted_trees.sensor': 'spinning'},
 ]
 
 
@@ -77,25 +65,16 @@ def test_every_detector_can_be_tuned() -> None:
 
 
 @pytest.mark.parametrize('form', FORMS, ids=str)
-def test_thresholds_ascend_and_are_allowed(form: Mapping[str, object]) -> None:
-    """Values go from the one that rejects most to the one that rejects least, all of them legal."""
-    parameters = FilterParameters().changed(form)
-    (search,) = searches(parameters)
-    assert (np.diff(search.threshold.criticals()) > 0).all()
-    assert len(search.threshold.values) < 2**16
-    for value in search.threshold.values:
-        parameters.changed({search.threshold.name: value})
-    for setting in search.settings:
-        parameters.changed(setting)
-
-
-@pytest.mark.parametrize('form', FORMS, ids=str)
-def test_one_run_tells_what_every_threshold_rejects(form: Mapping[str, object]) -> None:
-    """The sweep rejects exactly what the detector rejects, at every tenth of the values."""
+def test_one_run_gives_what_every_threshold_rejects(form: Mapping[str, object]) -> None:
+    """Legal values, the strictest first; the sweep rejects what the detector rejects at them."""
     points = street()
     parameters = FilterParameters().changed(form)
     (search,) = searches(parameters)
     threshold = search.threshold
+    assert (np.diff(threshold.criticals()) > 0).all()
+    assert len(threshold.values) < 2**16
+    for setting in search.settings:
+        parameters.changed(setting)
 
     def score_of(changes: Mapping[str, object]) -> NDArray[np.float32]:
         return Chain(parameters.changed(changes)).judge(points).score
@@ -104,24 +83,22 @@ def test_one_run_tells_what_every_threshold_rejects(form: Mapping[str, object]) 
     level = levels(threshold, threshold.statistic(score_of, default))
     seen = set()
     for number in range(0, len(threshold.values), 10):
-        value = threshold.values[number]
-        rejected = Chain(parameters.changed({threshold.name: value})).judge(points).rejected
-        differing = np.flatnonzero(rejected != (level > number))
+        changed = parameters.changed({threshold.name: threshold.values[number]})
+        rejected = Chain(changed).judge(points).rejected
         # Scores are rounded to float32: a point at its limit may fall on either side.
-        assert len(differing) <= 1
+        assert np.count_nonzero(rejected != (level > number)) <= 1
         seen.add(int(np.count_nonzero(rejected)))
     assert len(seen) > 3
 
 
 @pytest.mark.parametrize('name', DETECTORS)
-@pytest.mark.parametrize('share', [0.2, 0.5])
-def test_a_sweep_is_exact_where_it_was_run(name: str, share: float) -> None:
-    """Also a detector that looks again without what it rejected: at the value it ran with."""
+def test_a_sweep_is_exact_where_it_was_run(name: str) -> None:
+    """Also of a detector with a second pass: at the value it ran with."""
     points = street()
     parameters = FilterParameters().changed({'chain': [name]})
     (search,) = searches(parameters)
     threshold = search.threshold
-    value = threshold.values[int(share * len(threshold.values))]
+    value = threshold.values[len(threshold.values) // 2]
     parameters = parameters.changed({threshold.name: value})
 
     def score_of(changes: Mapping[str, object]) -> NDArray[np.float32]:
@@ -169,8 +146,6 @@ def test_kept_parameters_stay() -> None:
     ('wanted', 'kept', 'sentence'),
     [
         ({'lof.k': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.k'"),
-        ({'lof.min_pts': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.min_pts'"),
-        ({'motion.x': [1.0]}, (), "must be those of alpha_beta_gamma, got 'motion.x'"),
         ({'sigma_field': ['a']}, (), "must be those of alpha_beta_gamma, got 'sigma_field'"),
         (
             {'alpha_beta_gamma.order': [2]},

@@ -17,7 +17,6 @@ from rclpy.expand_topic_name import expand_topic_name
 from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -84,22 +83,6 @@ def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
     mounting = Rotation.from_euler('xyz', ANGLES)
     expected = (rotation * mounting).inv().apply(xyz - eye)
     np.testing.assert_allclose(own, expected, rtol=1e-3, atol=0.02)
-
-
-@pytest.mark.parametrize(
-    ('values', 'sentence'),
-    [
-        ({'motion.topic': 'odometry'}, r"motion.topic must be one of .* /odom, got '/odometry'"),
-        ({'motion.topic': '/points'}, r"motion.topic must be one of .* /odom, got '/points'"),
-        ({'motion.source': 'tf'}, r"motion.source must be 'none' or 'odometry' for a recording"),
-    ],
-)
-def test_motion_that_is_not_there(
-    recorded: Recorded, values: dict[str, object], sentence: str
-) -> None:
-    """Poses that the recording does not have are refused as in a replay."""
-    with pytest.raises(FilterError, match=sentence):
-        recorded.training({**REPLAYED, **values})
 
 
 @pytest.mark.parametrize('topic', ['odom', '/odom', '~/odom', 'a/b', '/a/b'])
