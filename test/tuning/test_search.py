@@ -188,15 +188,15 @@ def test_detectors_that_must_agree(vote: int) -> None:
 
 def test_progress() -> None:
     """First all scores, then, before every run, the fold that is searched."""
-    told: list[tuple[int, int, str]] = []
+    calls: list[tuple[int, int, str]] = []
     start = chain('sor')
 
     def note(done: int, of: int, what: str) -> None:
-        told.append((done, of, what))
+        calls.append((done, of, what))
 
     tune(road(1), start, Goal(), 3, wanted=wanted(start), progress=note)
     scores = [(i, 2, 'scores') for i in range(2)]
-    assert list(dict.fromkeys(told)) == scores + [(i, 4, 'folds') for i in range(4)]
+    assert list(dict.fromkeys(calls)) == scores + [(i, 4, 'folds') for i in range(4)]
 
 
 def test_whole_recordings_are_left_out() -> None:
