@@ -147,25 +147,6 @@ class Progress:
         return round(done), sum(sizes)
 
 
-@dataclass(frozen=True)
-class Calls:
-    """What a run calls.
-
-    Attributes
-    ----------
-    show : regularly, with the progress
-    leave : regularly; may raise to stop the run
-    inform : with sentences
-    keep : with each result
-
-    """
-
-    show: Callable[[Progress], object] = bool
-    leave: Callable[[], object] = lambda: None
-    inform: Inform = str
-    keep: Callable[[Task, Result], object] = lambda _task, _result: None
-
-
 def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, ArchiveRecord]]:
     """Return the tasks to be done, and the records of the others: done before, or refused."""
     if job.dry:
@@ -192,34 +173,42 @@ def _done(task: Task, goal: ArchiveRecord, found: FoundOutputs) -> ArchiveRecord
     return record
 
 
-def run_all(
-    tasks: Sequence[Task], job: Job, workers: Workers, calls: Calls
-) -> dict[Task, ArchiveRecord]:
-    """Work on all tasks, and return the record of each.
+@dataclass
+class Run:
+    """Submits tasks, several for each worker, and collects their results.
 
-    Raises
-    ------
-    SchedulerError
-        If the scheduler is gone, or a worker has other code.
+    Parameters
+    ----------
+    job, workers : what is done, and by whom
+    show : called regularly with the progress
+    leave : called regularly; may raise to stop the run
+    inform : called with sentences
+    keep : called with each result
 
     """
-    return _Run(job, workers, calls, Progress(tasks)).all(tasks)
 
+    job: Job
+    workers: Workers
+    show: Callable[[Progress], object] = bool
+    leave: Callable[[], object] = lambda: None
+    inform: Inform = str
+    keep: Callable[[Task, Result], object] = lambda _task, _result: None
 
-class _Run:
-    """Submits tasks, several for each worker, and collects their results."""
-
-    def __init__(self, job: Job, workers: Workers, calls: Calls, progress: Progress) -> None:
-        self._job, self._workers, self._calls, self._progress = job, workers, calls, progress
-        self._records: dict[Task, ArchiveRecord] = {}
-        self._suspects: list[Task] = []
-
-    def all(self, tasks: Iterable[Task]) -> dict[Task, ArchiveRecord]:
-        """Run tasks; then those whose workers died, one at a time.
+    def all(self, tasks: Sequence[Task]) -> dict[Task, ArchiveRecord]:
+        """Run tasks; then those whose workers died, one at a time; return the record of each.
 
         Dask blames the death of a worker on all tasks that it had, also on those that waited.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler is gone, or a worker has other code.
+
         """
-        self._each(tasks, lambda: AHEAD * self._workers.count(), self._suspects)
+        self._progress = Progress(tasks)
+        self._records: dict[Task, ArchiveRecord] = {}
+        self._suspects: list[Task] = []
+        self._each(tasks, lambda: AHEAD * self.workers.count(), self._suspects)
         self._each(self._suspects, lambda: 1, None)
         return self._records
 
@@ -233,23 +222,24 @@ class _Run:
             for _ in range(min(free, len(waiting))):
                 task = waiting.popleft()
                 running[self._submit(task)] = task
-            self._calls.leave()
-            self._workers.check()
-            self._calls.show(self._progress)
+            self.leave()
+            self.workers.check()
+            self.show(self._progress)
             for future in wait(running, POLL_S, FIRST_COMPLETED).done:
                 self._end(running.pop(future), future, suspects)
 
     def _submit(self, task: Task) -> Future[Result]:
-        record = wanted(task, self._job)
-        if self._workers.client is not None:
-            return self._workers.executor.submit(attempt_on_worker, task, self._job, record)
+        record = wanted(task, self.job)
+        if self.workers.client is not None:
+            return self.workers.executor.submit(attempt_on_worker, task, self.job, record)
 
         def note(share: float) -> None:
-            self._calls.leave()
+            self.leave()
             self._progress.report(task, share)
 
-        inform = self._calls.inform
-        return self._workers.executor.submit(attempt_safely, task, self._job, record, note, inform)
+        return self.workers.executor.submit(
+            attempt_safely, task, self.job, record, note, self.inform
+        )
 
     def _end(self, task: Task, future: Future[Result], suspects: list[Task] | None) -> None:
         try:
@@ -257,25 +247,25 @@ class _Run:
         except SchedulerError:
             raise
         except CancelledError as err:
-            raise self._workers.gone() from err
+            raise self.workers.gone() from err
         except Exception as err:  # noqa: BLE001  whatever comes from another machine
             if suspects is not None and type(err).__name__ == 'KilledWorker':
                 suspects.append(task)
                 return
-            result = Result(replace(wanted(task, self._job), error=self._blame(task, err)))
+            result = Result(replace(wanted(task, self.job), error=self._blame(task, err)))
         for sentence in result.said:
-            self._calls.inform(sentence)
+            self.inform(sentence)
         self._records[task] = result.record
-        self._calls.keep(task, result)
+        self.keep(task, result)
         self._progress.finish(task)
-        self._calls.show(self._progress)
+        self.show(self._progress)
 
     def _blame(self, task: Task, err: Exception) -> str:
-        what = f'the {self._job.what} {task.location.path}'
+        what = f'the {self.job.what} {task.location.path}'
         if type(err).__name__ == 'KilledWorker':
             got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
-            return str(FilterError(what, f'{self._job.done} without a worker that dies', got))
-        return str(FilterError(what, f'{self._job.done} by the workers', said_by(err)))
+            return str(FilterError(what, f'{self.job.done} without a worker that dies', got))
+        return str(FilterError(what, f'{self.job.done} by the workers', said_by(err)))
 
 
 def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, str]) -> None:
@@ -296,15 +286,15 @@ def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, s
     known = dict(reserved)
     names = [(str(path), task) for task in tasks for path in (*task.outputs, task.sidecar)]
     for name, task in names:
-        source = str(task.location.path)
-        if name in known:
-            must_be = f'that of one {job.what}'
-            raise FilterError(f'the output {name}', must_be, f'{known[name]} and {source}')
-        known[name] = source
+        _refuse_taken(name, known.get(name), task, job)
+        known[name] = str(task.location.path)
     for name, task in names:
-        above = name.rpartition('/')[0]
-        while above:
-            if above in known:
-                got = f'{known[above]} and {task.location.path}'
-                raise FilterError(f'the output {name}', f'outside of that of a {job.what}', got)
-            above = above.rpartition('/')[0]
+        parts = name.split('/')
+        for count in range(1, len(parts)):
+            _refuse_taken(name, known.get('/'.join(parts[:count])), task, job)
+
+
+def _refuse_taken(name: str, other: str | None, task: Task, job: Job) -> None:
+    if other is not None:
+        got = f'{other} and {task.location.path}'
+        raise FilterError(f'the output {name}', f'that of one {job.what}', got)

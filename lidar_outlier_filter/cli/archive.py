@@ -204,7 +204,7 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
     """
     from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
     from lidar_outlier_filter.archive.publish import check_reached, tidy
-    from lidar_outlier_filter.archive.run import Calls, pending, refuse_taken_names, run_all
+    from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
     from lidar_outlier_filter.archive.sidecar import FAILED, read_folder
 
     has_page = folder is not None and not job.dry
@@ -234,7 +234,7 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
                 leave = stack.enter_context(stopping())
                 shown = stack.enter_context(_progress(name))
                 workers = stack.enter_context(_workers(options, todo, job))
-                run_all(todo, job, workers, Calls(shown, leave, _once(), note))
+                Run(job, workers, shown, leave, _once(), note).all(todo)
         records |= done
         if folder is not None and has_page:
             failed = [record for record in records.values() if record.state == FAILED]

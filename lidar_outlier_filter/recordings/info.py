@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 SAMPLE = 3.0  # seconds of bag time that the filter judges
-BEFORE = SECOND // 2  # of bag time, in which a sensor shows which kernels it needs
+FIRST = 6  # clouds, by which a sensor shows which kernels it needs
 LEVEL = math.radians(1)  # deviation in elevation up to which a line is a ring
 EVEN = 0.1  # of the median step, up to which rings are evenly spaced
 MIN_LINE_POINTS = 3  # points of a line that says where it lies
@@ -154,8 +154,9 @@ def look(
         )
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
-            _load_kernels(source, topic, stop)
-            _judge(source, topic, cloud, stop)
+            # Twice: kernels that this sensor needs are loaded, or compiled, before the time counts.
+            _judge(topic, CloudInfo(), islice(source.messages([topic], None, stop), FIRST))
+            _judge(topic, cloud, source.messages([topic], None, stop))
         done = 0
         for topic, time, data in source.messages():
             info.topics[topic].add(time)
@@ -167,25 +168,14 @@ def look(
     return info
 
 
-def _load_kernels(source: Recording, topic: Topic, stop: int) -> None:
-    """Judge the first clouds for nothing: what this sensor needs is loaded, or compiled."""
-    stream, enough = CloudTopic(topic, FilterParameters(), str), stop
-    for number, (_, time, data) in enumerate(source.messages([topic], None, stop)):
-        enough = min(stop, time + BEFORE) if number == 0 else enough
-        if time > enough:
-            break
-        stream.feed(time, data)
-    stream.finish()
-
-
-def _judge(source: Recording, topic: Topic, cloud: CloudInfo, stop: int) -> None:
-    """Look at the first clouds of a topic, and let the defaults judge them."""
+def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
+    """Describe clouds of a topic, and filter them by the defaults."""
     types = known_types()
     parameters = FilterParameters()
     prefix = f'{topic.name}: '
     stream = CloudTopic(topic, parameters, cloud.found.append)
     decoder = Decoder(parameters)
-    for _, time, data in source.messages([topic], None, stop):
+    for _, time, data in messages:
         if cloud.geometry is None:
             try:
                 _describe(cloud, types.deserialize_cdr(data, CLOUD), decoder)

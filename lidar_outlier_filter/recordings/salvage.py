@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from abc import ABC, abstractmethod
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -46,7 +45,7 @@ from lidar_outlier_filter.recordings.bags import (
 from lidar_outlier_filter.recordings.channels import ros2_channels
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from mcap.summary import Summary
 
@@ -75,6 +74,7 @@ class Losses:
     chunks : of messages that cannot be unpacked, or whose checksum is wrong
     reasons : a clause for each loss, of the first ``MAX_REASONS``
     more : losses beyond these
+    expected : messages that the files of the recording count
 
     """
 
@@ -82,6 +82,7 @@ class Losses:
     chunks: int = 0
     reasons: list[str] = field(default_factory=list)
     more: int = 0
+    expected: int = field(default=0, compare=False)
 
     def add(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
         """Count what is lost at once."""
@@ -124,11 +125,10 @@ def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) ->
     bag = _metadata(path, losses)
     zipped = str(bag.get('compression_mode')).lower() == 'message'
     topics: dict[tuple[str, str], Topic] = {}
-    expected = found = 0
+    found = 0
     with NewBag(copy, bag.get('custom_data') or {}) as new:
         for file in _files(path, bag, losses):
-            part = _open(file, folder, largest, losses)
-            for topic, time, data in part:
+            for topic, time, data in _open(file, folder, largest, losses):
                 key = (topic.name, topic.msgtype)
                 if key not in topics:
                     new.add(topics.setdefault(key, topic))
@@ -142,9 +142,8 @@ def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) ->
                     losses.add(str(err), messages=1)
                 else:
                     found += 1
-            expected += part.expected
     counted = bag.get('message_count')
-    missing = max(expected, counted if type(counted) is int else 0) - found - losses.messages
+    missing = max(losses.expected, counted if type(counted) is int else 0) - found - losses.messages
     if missing > 0:
         losses.add(f'{missing} more messages that it counts are missing', messages=missing)
 
@@ -196,85 +195,64 @@ def _files(path: Path, bag: Mapping[str, Any], losses: Losses) -> Iterator[Path]
             losses.add(f'{name} is missing')
 
 
-class _DamagedFile(ABC):
-    """A file of a recording: its topics and messages, as far as they can be read.
-
-    ``expected`` counts the messages that the file says it has, once it was read.
-    """
-
-    def __init__(self, path: Path, largest: int, losses: Losses) -> None:
-        self.path, self.largest, self._losses = path, largest, losses
-        self.expected = 0
-
-    @abstractmethod
-    def __iter__(self) -> Iterator[_Item]:
-        """Give its topics and messages, each topic before its messages."""
-
-    def lose(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
-        """Count a loss."""
-        self._losses.add(f'{self.path.name}: {reason}', messages=messages, chunks=chunks)
-
-    def topic_of(  # noqa: PLR0913  the columns of a database
-        self,
-        name: str,
-        msgtype: str,
-        definition: tuple[str, str],
-        encoding: str,
-        qos: str,
-        digest: str = '',
-    ) -> Topic | None:
-        """Describe a topic; None: its messages are lost."""
-        owner: Any = self
-        try:
-            kind = MessageDefinition(_FORMATS[definition[0]], definition[1])
-            extension = ConnectionExtRosbag2(encoding, parse_qos(qos) if qos else [])
-            connection = Connection(0, name, msgtype, kind, digest, 0, extension, owner)
-            return ros2_channels([connection])[0][0]
-        except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
-            self.lose(f'the topic {name}: {said_by(err)}')
-            return None
-
-
-def _open(path: Path, folder: Path, largest: int, losses: Losses) -> _DamagedFile:
-    """Open a file of a recording by its suffix."""
+def _open(path: Path, folder: Path, largest: int, losses: Losses) -> Iterable[_Item]:
+    """Give the topics and messages of a file as far as they can be read, a topic first."""
     if path.suffix == '.bag':
-        return _Ros1Bag(path, largest, losses)
+        return _ros1_bag(path, largest, losses)
     if path.suffix == '.mcap':
         return _McapFile(path, largest, losses)
     if path.suffix == '.db3':
-        return _Database(_with_log(path, folder, losses), largest, losses)
+        return _database(_with_log(path, folder, losses), losses)
     must_be = 'a ROS 2 bag folder, .mcap, .db3 or a ROS 1 .bag'
     raise RecordingError('the recording', must_be, path)
 
 
-class _Ros1Bag(_DamagedFile):
-    """A ROS 1 bag whose index is complete."""
+def _topic_of(  # noqa: PLR0913  the columns of a database
+    name: str,
+    msgtype: str,
+    definition: tuple[str, str],
+    encoding: str,
+    qos: str,
+    digest: str = '',
+) -> Topic:
+    """Describe a topic; on damaged bytes the decoders may raise any error."""
+    owner: Any = None
+    kind = MessageDefinition(_FORMATS[definition[0]], definition[1])
+    extension = ConnectionExtRosbag2(encoding, parse_qos(qos) if qos else [])
+    connection = Connection(0, name, msgtype, kind, digest, 0, extension, owner)
+    return ros2_channels([connection])[0][0]
 
-    def __iter__(self) -> Iterator[_Item]:
-        with Recording(self.path, self.largest) as source:
-            self.expected = source.message_count
-            for topic in source.topics:
-                yield topic, 0, None
-            try:
-                yield from source.messages()
-            except RecordingError as err:
-                self.lose(str(err))
+
+def _ros1_bag(path: Path, largest: int, losses: Losses) -> Iterator[_Item]:
+    """Read a ROS 1 bag whose index is complete."""
+    with Recording(path, largest) as source:
+        losses.expected += source.message_count
+        for topic in source.topics:
+            yield topic, 0, None
+        try:
+            yield from source.messages()
+        except RecordingError as err:
+            losses.add(f'{path.name}: {err}')
 
 
-class _McapFile(_DamagedFile):
+class _McapFile:
     """An MCAP file: every chunk whose checksum agrees, and every message outside of chunks."""
 
-    def __iter__(self) -> Iterator[_Item]:
+    def __init__(self, path: Path, largest: int, losses: Losses) -> None:
+        self._path, self._largest, self._losses = path, largest, losses
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, Topic | None] = {}
+
+    def __iter__(self) -> Iterator[_Item]:
+        """Give its topics and messages, each topic before its messages."""
         indexed = 0  # messages in chunks, and others
-        with self.path.open('rb') as stream:
+        with self._path.open('rb') as stream:
             summary = _summary(stream)
-            yield from self._described(summary)
-            starts = (
-                sorted(one.chunk_start_offset for one in summary.chunk_indexes) if summary else []
-            )
-            for record in self._file_records(stream, starts):
+            for records in (summary.schemas, summary.channels) if summary else ():
+                for described in records.values():
+                    yield from self._items(described)
+            starts = [one.chunk_start_offset for one in summary.chunk_indexes] if summary else []
+            for record in self._file_records(stream, sorted(starts)):
                 if isinstance(record, Chunk):
                     yield from self._chunk_items(record)
                 else:
@@ -282,13 +260,10 @@ class _McapFile(_DamagedFile):
                     indexed += isinstance(record, Message)
                     yield from self._items(record)
         statistics = summary and summary.statistics
-        self.expected = statistics.message_count if statistics else indexed
+        self._losses.expected += statistics.message_count if statistics else indexed
 
-    def _described(self, summary: Summary | None) -> Iterator[_Item]:
-        """Give the topics that the summary names."""
-        for records in (summary.schemas, summary.channels) if summary else ():
-            for record in records.values():
-                yield from self._items(record)
+    def _lose(self, reason: str, *, chunks: int = 0) -> None:
+        self._losses.add(f'{self._path.name}: {reason}', chunks=chunks)
 
     def _file_records(self, stream: BinaryIO, starts: list[int]) -> Iterator[McapRecord]:
         """Read the records of the file; behind damage, go on at the next chunk of the index."""
@@ -297,7 +272,7 @@ class _McapFile(_DamagedFile):
             stream.seek(begin)
             end = begin
             reader = StreamReader(
-                stream, skip_magic=True, emit_chunks=True, record_size_limit=self.largest
+                stream, skip_magic=True, emit_chunks=True, record_size_limit=self._largest
             )
             try:
                 for record in reader.records:
@@ -305,19 +280,19 @@ class _McapFile(_DamagedFile):
                     yield record
                 begin = None
             except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
-                self.lose(f'no complete record at byte {end}, got {_words(err)}')
+                self._lose(f'no complete record at byte {end}, got {_words(err)}')
                 begin = next((start for start in starts if start > end), None)
 
     def _chunk_items(self, chunk: Chunk) -> Iterator[_Item]:
         """Give what is in a chunk, if all of it can be read."""
         try:
             size = max(chunk.uncompressed_size, len(chunk.data))
-            if size > self.largest:
-                raise RecordingError('a chunk', f'of at most {self.largest} bytes', size)  # noqa: TRY301
+            if size > self._largest:
+                raise RecordingError('a chunk', f'of at most {self._largest} bytes', size)  # noqa: TRY301
             records = list(_records(chunk))
         except Exception as err:  # noqa: BLE001  as above
             times = f'from {chunk.message_start_time} to {chunk.message_end_time} ns'
-            self.lose(f'the chunk {times}: {_words(err)}', chunks=1)
+            self._lose(f'the chunk {times}: {_words(err)}', chunks=1)
             return
         for record in records:
             yield from self._items(record)
@@ -336,16 +311,18 @@ class _McapFile(_DamagedFile):
                 yield topic, record.log_time, record.data
             elif record.channel_id not in self._topics:
                 self._topics[record.channel_id] = None
-                self.lose(f'the channel {record.channel_id} is not described')
+                self._lose(f'the channel {record.channel_id} is not described')
 
     def _topic(self, channel: Channel) -> Topic | None:
-        schema = self._schemas.get(channel.schema_id)
-        if schema is None:
-            self.lose(f'the topic {channel.topic} has no schema')
+        try:
+            schema = self._schemas[channel.schema_id]
+            definition = (schema.encoding, schema.data.decode(errors='replace'))
+            qos = channel.metadata.get('offered_qos_profiles', '')
+            encoding = channel.message_encoding
+            return _topic_of(channel.topic, schema.name, definition, encoding, qos)
+        except Exception as err:  # noqa: BLE001  as above
+            self._lose(f'the topic {channel.topic}: {said_by(err)}')
             return None
-        definition = (schema.encoding, schema.data.decode(errors='replace'))
-        qos = channel.metadata.get('offered_qos_profiles', '')
-        return self.topic_of(channel.topic, schema.name, definition, channel.message_encoding, qos)
 
 
 def _summary(stream: BinaryIO) -> Summary | None:
@@ -376,67 +353,73 @@ def _words(err: Exception) -> str:
     return '"the end of its bytes"' if isinstance(err, EndOfFile) else said_by(err)
 
 
-class _Database(_DamagedFile):
-    """A database: its rows up to the first that SQLite cannot read.
+def _database(path: Path, losses: Losses) -> Iterator[_Item]:
+    """Read the rows of a database up to the first that SQLite cannot read.
 
     Recorders number messages from 1 and delete none: a gap in the numbers is a loss.
     """
-
-    def __iter__(self) -> Iterator[_Item]:
-        if wrong := damage_of(self.path):
-            self.lose(wrong)
-        last: int = 0
-        try:
-            with closing(connect(self.path)) as database:
-                topics = dict(self._topics(database))
-                for topic in filter(None, topics.values()):
-                    yield topic, 0, None
-                rows = database.execute(
-                    'SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id'
-                )
-                for row, number, time, data in rows:
-                    last, found = row, topics.get(number)
-                    if found is not None and isinstance(time, int) and isinstance(data, bytes):
-                        yield found, time, data
-                    elif number not in topics:
-                        topics[number] = None
-                        self.lose(f'the topic {number} is not described')
-        except (sqlite3.Error, OverflowError, UnicodeError) as err:
-            self.lose(f'no row behind {last} can be read: {said_by(err)}')
-            last = self._last_number()
-        self.expected = last
-
-    def _last_number(self) -> int:
-        """Return the number of the last message; 0 where SQLite cannot find it."""
-        try:
-            with closing(connect(self.path)) as database:
-                (number,) = database.execute('SELECT max(id) FROM messages').fetchone()
-        except sqlite3.Error:
-            return 0
-        return number if isinstance(number, int) else 0
-
-    def _topics(self, database: sqlite3.Connection) -> Iterator[tuple[int, Topic | None]]:
-        """Describe the topics, with the definitions of their types where the database has them."""
-        database.row_factory = sqlite3.Row
-        definitions = {}
-        if database.execute('PRAGMA table_info(message_definitions)').fetchall():
-            for row in database.execute('SELECT * FROM message_definitions'):
-                text = row['encoded_message_definition']
-                definitions[row['topic_type']] = (row['encoding'], text)
-        for row in database.execute('SELECT * FROM topics ORDER BY id').fetchall():
-            values = dict(row)
-            yield (
-                values['id'],
-                self.topic_of(
-                    values['name'],
-                    values['type'],
-                    definitions.get(values['type'], ('', '')),
-                    values['serialization_format'],
-                    values.get('offered_qos_profiles', ''),
-                    values.get('type_description_hash', ''),
-                ),
+    if wrong := damage_of(path):
+        losses.add(f'{path.name}: {wrong}')
+    last: int = 0
+    try:
+        with closing(connect(path)) as database:
+            topics = _database_topics(path, database, losses)
+            for topic in filter(None, topics.values()):
+                yield topic, 0, None
+            rows = database.execute(
+                'SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id'
             )
-        database.row_factory = None
+            for row, number, time, data in rows:
+                last, found = row, topics.get(number)
+                if found is not None and isinstance(time, int) and isinstance(data, bytes):
+                    yield found, time, data
+                elif number not in topics:
+                    topics[number] = None
+                    losses.add(f'{path.name}: the topic {number} is not described')
+    except (sqlite3.Error, OverflowError, UnicodeError) as err:
+        losses.add(f'{path.name}: no row behind {last} can be read: {said_by(err)}')
+        last = _last_number(path)
+    losses.expected += last
+
+
+def _last_number(path: Path) -> int:
+    """Return the number of the last message; 0 where SQLite cannot find it."""
+    try:
+        with closing(connect(path)) as database:
+            (number,) = database.execute('SELECT max(id) FROM messages').fetchone()
+    except sqlite3.Error:
+        return 0
+    return number if isinstance(number, int) else 0
+
+
+def _database_topics(
+    path: Path, database: sqlite3.Connection, losses: Losses
+) -> dict[int, Topic | None]:
+    """Describe the topics, with the definitions of their types where the database has them."""
+
+    def rows_of(table: str) -> list[dict[str, Any]]:
+        found = database.execute(f'SELECT * FROM {table}')  # noqa: S608  from this module
+        names = [column[0] for column in found.description]
+        return [dict(zip(names, row, strict=True)) for row in found]
+
+    definitions, topics = {}, dict[int, 'Topic | None']()
+    if database.execute('PRAGMA table_info(message_definitions)').fetchall():
+        for row in rows_of('message_definitions'):
+            definitions[row['topic_type']] = (row['encoding'], row['encoded_message_definition'])
+    for row in rows_of('topics ORDER BY id'):
+        try:
+            topics[row['id']] = _topic_of(
+                row['name'],
+                row['type'],
+                definitions.get(row['type'], ('', '')),
+                row['serialization_format'],
+                row.get('offered_qos_profiles', ''),
+                row.get('type_description_hash', ''),
+            )
+        except Exception as err:  # noqa: BLE001  as above
+            topics[row['id']] = None
+            losses.add(f'{path.name}: the topic {row.get("name")}: {said_by(err)}')
+    return topics
 
 
 def _with_log(path: Path, folder: Path, losses: Losses) -> Path:

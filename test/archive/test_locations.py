@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import TYPE_CHECKING
 
 import pytest
@@ -95,15 +94,6 @@ def test_ranges_are_read_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> 
     ranges = location.size // 2**17 + 1
     assert opened <= 5
     assert store.requests.count(file) - before < ranges + opened + 2
-
-
-@pytest.mark.usefixtures('store')
-def test_a_path_goes_to_another_process() -> None:
-    """A location is the same after it was packed and unpacked."""
-    (location,) = locations.find([f's3://drives/2026/{MCAP}'])
-    again = pickle.loads(pickle.dumps(location))  # noqa: S301  packed here
-    assert again == location
-    assert content(again.path) == content(location.path)
 
 
 def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:

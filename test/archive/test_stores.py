@@ -128,14 +128,6 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
         put(store, drives, 's3://drives/in')
 
 
-def test_other_parameters_replace_outputs(store: Store, drives: Path, tmp_path: Path) -> None:
-    """As here."""
-    assert main(words()) == 0
-    assert main(words('--set=scores=true')) == 0
-    assert main(replaying(drives, tmp_path / 'out', '--set=scores=true')) == 0
-    assert stored(store) == content(tmp_path / 'out')
-
-
 @pytest.mark.parametrize('name', ['a/notes.txt', 'a/metadata.yaml', 'a.json', 'archive.html'])
 @pytest.mark.parametrize('is_new', [True, False])
 def test_a_foreign_object_is_refused(

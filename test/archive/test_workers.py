@@ -266,22 +266,3 @@ def test_workers_keep_memory(two: Workers) -> None:
 def measure() -> tuple[int, int]:
     """Count page faults of a cloud, and say how nice this process is."""
     return faults_of_a_cloud(), os.nice(0)
-
-
-@pytest.mark.parametrize(
-    ('options', 'sentence'),
-    [
-        (['--jobs', '2'], '--jobs must be left out with --scheduler, whose cluster has its own'),
-        (['--picture', 'a.png'], '--picture must be left out with --scheduler, got a.png'),
-    ],
-)
-def test_refused(
-    clouds: Path, tmp_path: Path, options: list[str], sentence: str, capsys: Capture
-) -> None:
-    """What a cluster cannot do is refused, before it is asked."""
-    file = str(clouds / '000.csv')
-    words = ['clean', file, '--output', str(tmp_path), '--scheduler', 'tcp://127.0.0.1:9']
-    assert main([*words, *options]) == 1
-    assert capsys.readouterr().err.startswith(sentence)
-    assert main(['clean', file, '--scheduler', 'tcp://127.0.0.1:9']) == 1
-    assert '--scheduler must be for several' in capsys.readouterr().err

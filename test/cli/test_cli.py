@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
+from helpers.drives import write_drive
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import commands_for, main
@@ -26,8 +25,6 @@ from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parame
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     Capture = pytest.CaptureFixture[str]
 
 # A process that was started in the background of a shell would ignore SIGINT.
@@ -147,22 +144,6 @@ def test_output_of_a_lone_file(drive: Path) -> None:
     assert found == ['/velodyne_points/cleaned', '/velodyne_points/outliers']
 
 
-def test_parameters_of_file_and_command_line(drive: Path, tmp_path: Path, capsys: Capture) -> None:
-    """Single parameters win over those of the file; 1e-12 is a number."""
-    file = tmp_path / 'filter.yaml'
-    file.write_text('/**:\n  ros__parameters:\n    alpha_beta_gamma:\n      significance: 0.1\n')
-    rejected: list[int] = []
-    for options in (
-        ['--params', str(file)],
-        ['--params', str(file), '--set', 'alpha_beta_gamma.significance=1e-12'],
-    ):
-        output = tmp_path / f'out{len(rejected)}'
-        arguments = ['replay', str(drive), '--output', str(output), '--topic', '/velodyne_points']
-        assert main([*arguments, *options, '--set', 'chain=[alpha_beta_gamma]']) == 0
-        rejected.append(count(rows(capsys.readouterr().out)['rejected'][0]))
-    assert rejected[0] > 2 * rejected[1]
-
-
 def test_several_parameter_files(tmp_path: Path) -> None:
     """All of them count, and of one parameter the last file; single parameters win over both."""
     text = '/**:\n  ros__parameters:\n    lof: {{{}}}\n'
@@ -248,28 +229,11 @@ def read_terminal(leader: int) -> bytes:
     return screen
 
 
-def small_clouds(recording: Path, number: int) -> Iterator[tuple[int, bytes]]:
-    """Make many small clouds of a real one, 0.1 s from each other."""
-    with Recording(recording) as source:
-        _, start, data = next(source.messages())
-    cloud = deserialize_message(data, PointCloud2)
-    cloud.width, cloud.row_step = 100, 100 * cloud.point_step
-    cloud.data = cloud.data[: cloud.row_step]
-    for time in range(start, start + number * 100_000_000, 100_000_000):
-        cloud.header.stamp.sec, cloud.header.stamp.nanosec = divmod(time, 1_000_000_000)
-        yield time, serialize_message(cloud)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupted(drive: Path, tmp_path: Path, number: signal.Signals, status: int) -> None:
+def test_interrupted(tmp_path: Path, number: signal.Signals, status: int) -> None:
     """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
-    with Recording(drive) as recording:
-        (topic,) = recording.topics
-    with NewBag(tmp_path / 'long') as bag:
-        bag.add(topic)
-        for time, data in small_clouds(drive, 5_000):
-            bag.write(topic, time, data)
+    write_drive(tmp_path / 'long', 3000)
     command = [*RUN, 'replay', str(tmp_path / 'long'), '--output', str(tmp_path / 'out')]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while not any(file.stat().st_size for file in tmp_path.glob('.out.partial-*/out/*.mcap')):
@@ -279,7 +243,7 @@ def test_interrupted(drive: Path, tmp_path: Path, number: signal.Signals, status
         _, said = process.communicate(timeout=60)
     assert process.returncode == status
     assert 'Traceback' not in said
-    assert names(tmp_path) == ['drive', 'long']
+    assert names(tmp_path) == ['long']
 
 
 @pytest.mark.parametrize('verb', ['clean', 'replay', 'report', 'info'])

@@ -92,14 +92,6 @@ def text_of_session() -> str:
     return SESSION.read_text(encoding='utf-8').split('\n', 3)[3]
 
 
-def test_there_is_no_ros() -> None:
-    """The processes of this file have no ROS: the node does not start there."""
-    for module in ('rclpy', 'sensor_msgs.msg', 'lidar_outlier_filter.ros.node'):
-        done = run(f'import {module}')
-        assert done.returncode == 1
-        assert 'ModuleNotFoundError: No module named' in done.stderr
-
-
 def test_the_import_is_thin() -> None:
     """The import of the library imports nothing else; its names bring what they need."""
     heavy = ('numpy', 'scipy', 'numba', 'matplotlib', 'rosbags', 'rclpy', 'sensor_msgs')

@@ -104,21 +104,8 @@ def test_command_and_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
             elif topic.name == '/lidar':
                 own += int(np.count_nonzero(structured(types.deserialize_cdr(data, CLOUD))['own']))
     assert found == own > 0
-    assert (
-        main(
-            [
-                'replay',
-                str(bag),
-                '--output',
-                str(tmp_path / 'off'),
-                '--set',
-                'mask=off',
-                '--chain',
-                'sor',
-            ]
-        )
-        == 0
-    )
+    words = ['replay', str(bag), '--output', str(tmp_path / 'off'), '--set', 'mask=off']
+    assert main([*words, '--chain', 'sor']) == 0
 
 
 def test_one_mask_for_several_topics_is_refused(tmp_path: Path) -> None:

@@ -58,24 +58,6 @@ def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
     check_answers(before, after, topic.topic)
 
 
-@pytest.mark.parametrize(
-    'twins',
-    [
-        ('vlp16_mrpt.bag', 'vlp16_mrpt_db3', 'vlp16_mrpt_mcap'),
-        ('vlp32_nebula.bag', 'vlp32_nebula_db3'),
-    ],
-)
-def test_same_clouds_in_other_containers(
-    recordings: Path, tmp_path: Path, twins: tuple[str, ...]
-) -> None:
-    """ROS 1, sqlite3 and MCAP with the same clouds give the same bytes."""
-    contents = []
-    for name in twins:
-        replay(recordings / 'bags' / name, tmp_path / name)
-        contents.append(content(tmp_path / name))
-    assert all(found == contents[0] for found in contents)
-
-
 LOADED = """
 import sys
 from pathlib import Path
@@ -359,20 +341,3 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
     assert len(minutes) == 5
     growth = (minutes[-1] - minutes[0]) / 4
     assert minutes[0] + 59 * max(growth, 0.0) < 500_000
-
-
-@pytest.mark.slow
-def test_detectors_of_a_chain_are_counted(recordings: Path, tmp_path: Path) -> None:
-    """What each detector rejects, and cannot judge, of a real recording; thresholds change it."""
-    source = recordings / 'bags' / 'vlp16_mrpt.bag'
-    chain = {'chain': ['alpha_beta_gamma', 'quadric', 'lof']}
-    (plain,) = replay(source, tmp_path / 'plain', parameters=chain).topics
-    assert list(plain.rejected_by) == list(plain.undecided_by) == chain['chain']
-    assert all(0 < count < plain.points / 5 for count in plain.rejected_by.values())
-    assert sum(plain.rejected_by.values()) == plain.rejected
-    assert 0 < plain.undecided_by['alpha_beta_gamma'] < plain.points / 5
-    assert plain.untested <= min(plain.undecided_by.values())
-    strict: dict[str, object] = {'alpha_beta_gamma.significance': 1e-3, 'lof.threshold': 1.1}
-    (harder,) = replay(source, tmp_path / 'harder', parameters=chain | strict).topics
-    for name in ('alpha_beta_gamma', 'lof'):
-        assert harder.rejected_by[name] > plain.rejected_by[name]
