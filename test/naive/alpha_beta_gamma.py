@@ -149,23 +149,6 @@ def smoother_weights(delta: Sequence[float], variance: Sequence[float], order: i
     return answer
 
 
-def smoothed_state(
-    delta: Sequence[float], z: Floats, variance: Sequence[float], order: int
-) -> tuple[Floats, Floats]:
-    """State at δ = 0 from all points of the window, (5) to (7), and its variances, (8) to (10).
-
-    Returns (order + 1, 3) position, velocity, acceleration of x, y, z, and (order + 1,) variances.
-    """
-    weights = smoother_weights(delta, variance, order)
-    state = np.zeros((order + 1, 3))
-    spread = np.zeros(order + 1)
-    for row in range(order + 1):
-        for i in range(len(delta)):
-            state[row] += weights[row, i] * z[i]
-            spread[row] += weights[row, i] ** 2 * variance[i]
-    return state, spread
-
-
 def is_singular(delta: Sequence[float], variance: Sequence[float], order: int) -> bool:
     """Return whether a window without the tested point cannot predict it (times in any unit)."""
     half_width = max((abs(d) for d in delta), default=0.0)

@@ -51,27 +51,10 @@ def run(
 # Lines and segments ---------------------------------------------------------------------------
 
 
-def test_scan_order_keeps_ties_in_their_order_of_arrival() -> None:
-    """Line 0 holds points 1, 3, 4 at 5, 5, 2 ns; line 7 holds points 0, 2."""
-    assert naive.scan_order([9, 5, 3, 5, 2], [7, 0, 7, 0, 0]) == [4, 1, 3, 2, 0]
-
-
-def test_shot_interval_is_the_median_of_the_positive_differences() -> None:
-    """Differences 10, 0, 10, 20: the median without the 0 is 10; of 10, 20 it is 15."""
-    assert naive.shot_interval([0, 10, 10, 20, 40]) == 10
-    assert naive.shot_interval([0, 10, 30]) == 15
-
-
 def test_segment_ends_only_above_the_gap_factor() -> None:
     """Interval 10: a difference of exactly 1.5 × 10 does not end a segment, one of 16 does."""
     assert naive.segments([0, 10, 20, 35], [0] * 4, 1.5) == [0, 0, 0, 0]
     assert naive.segments([0, 10, 20, 36], [0] * 4, 1.5) == [0, 0, 0, 1]
-
-
-def test_segments_end_with_their_lines() -> None:
-    """Line 1 starts a segment; its interval of 100 is its own; line 4 has one instant only."""
-    t = [0, 10, 20, 30, 130, 230, 8, 8]
-    assert naive.segments(t, [0, 0, 0, 1, 1, 1, 4, 4], 1.5) == [0, 0, 0, 1, 1, 1, 2, 2]
 
 
 def angle_lines(*degrees: float) -> list[int]:
@@ -100,11 +83,6 @@ def test_a_line_begins_where_the_angle_jumps_back() -> None:
 def test_noise_at_the_wrap_begins_one_line() -> None:
     """Behind a wrap, the way back over it and the next wrap are noise."""
     assert angle_lines(140, 160, 175, -175, 178, -178, -170) == [0, 0, 0, 1, 1, 1, 1]
-
-
-def test_small_steps_back_are_followed() -> None:
-    """More than 30° behind the furthest angle, those small steps have led back over the wrap."""
-    assert angle_lines(120, 140, 160, 179, -179, 170, 150, 130) == [0, 0, 0, 0, 1, 1, 2, 2]
 
 
 # Windows ----------------------------------------------------------------------------------------
@@ -142,31 +120,6 @@ def test_weights_of_five_equidistant_points() -> None:
     assert_allclose(c, np.array([2, -1, -2, -1, 2]) / 7, atol=1e-15)
 
 
-def test_state_of_a_fall_with_its_variances() -> None:
-    """Height 7 + 3 t + ½ 4 t²: state 7, 3, 4; variances Σ a², Σ b², Σ c² are 17/35, 1/10, 2/7.
-
-    (7) with the weights (13) as printed would give 2, half the acceleration of (1).
-    """
-    t = np.array(FIVE)
-    z = np.stack([7 + 3 * t + 2 * t**2, -t, 0 * t], axis=1)
-    state, variance = naive.smoothed_state(FIVE, z, ONES, 2)
-    assert_allclose(state, [[7, 0, 0], [3, -1, 0], [4, 0, 0]], atol=1e-14)
-    assert_allclose(variance, [17 / 35, 1 / 10, 2 / 7], rtol=1e-14)
-
-
-def test_state_variances_with_unequal_sigma() -> None:
-    """The mean of variances 1 and 3 at one time has the weights 3/4, 1/4 and the variance 3/4.
-
-    Points at -1 (variance 1), 1 (variance 1), 1 (variance 3), order 1. In the middle the position
-    is ½ z(-1) + ½ (¾, ¼), its variance ¼ (1 + ¾) = 7/16; the slope is half the difference.
-    """
-    a, b = naive.smoother_weights([-1.0, 1.0, 1.0], [1.0, 1.0, 3.0], 1)
-    assert_allclose(a, [1 / 2, 3 / 8, 1 / 8], atol=1e-15)
-    assert_allclose(b, [-1 / 2, 3 / 8, 1 / 8], atol=1e-15)
-    _, variance = naive.smoothed_state([-1.0, 1.0, 1.0], np.zeros((3, 3)), [1.0, 1.0, 3.0], 1)
-    assert_allclose(variance, [7 / 16, 7 / 16], rtol=1e-14)
-
-
 def weights_of_prediction(
     delta: list[float], variance: list[float], own: float, order: int
 ) -> tuple[NDArray[np.float64], float]:
@@ -202,41 +155,7 @@ def test_prediction(name: str, own: float) -> None:
     assert got_q == pytest.approx(q, rel=1e-12)
 
 
-def test_prediction_with_unequal_sigma() -> None:
-    """Variances 1 at -1 s, 1 and 3 at 1 s: as worked out for the state above."""
-    weights, q = weights_of_prediction([-1.0, 1.0, 1.0], [1.0, 1.0, 3.0], 2.0, 1)
-    assert_allclose(weights, [1 / 2, 3 / 8, 1 / 8], atol=1e-12)
-    assert q == pytest.approx(7 / 16)
-
-
-@pytest.mark.parametrize(
-    ('delta', 'order', 'singular'),
-    [
-        ([], 1, True),
-        ([0.0, 0.0, 0.0], 1, True),
-        ([2.0, 2.0, 2.0], 1, True),
-        ([1.0, 2.0], 1, False),
-        ([1.0, 1.0, 2.0, 2.0], 2, True),
-        ([-1.0, 0.0, 0.0, 1.0], 2, False),
-        # Order 1, times 1 and 1 - e: det = e², of a diagonal 2 × 2; the limit is e = 2e-5.
-        ([1.0, 1.0 - 1.9e-5], 1, True),
-        ([1.0, 1.0 - 2.1e-5], 1, False),
-    ],
-)
-def test_singular_windows(delta: list[float], order: int, *, singular: bool) -> None:
-    """Too few different times, in any unit of time, cannot predict."""
-    ones = [1.0] * len(delta)
-    assert naive.is_singular(delta, ones, order) is singular
-    assert naive.is_singular([d * 1e-6 for d in delta], ones, order) is singular
-
-
 # The test ---------------------------------------------------------------------------------------
-
-
-def test_window_score_divides_each_coordinate_by_its_own_sigma() -> None:
-    """Standardised (1, 2, 1.5): the largest is the second."""
-    got = naive.window_score(np.array([5.0, 2.0, 3.0]), np.array([5.0, 1.0, 2.0]), 0.001)
-    assert got == pytest.approx(2 / NORMAL)
 
 
 def test_robust_sigma() -> None:
@@ -255,13 +174,6 @@ def test_robust_sigma() -> None:
 # Passes -----------------------------------------------------------------------------------------
 
 
-def test_peak_is_the_first_of_equals_within_reach() -> None:
-    """Two on either side are looked at; NaN is no rival."""
-    scores = [2.0, 3.0, nan, 3.0, 4.0, 1.0, 4.0]
-    assert [p for p in range(7) if scores[p] > 1 and naive.is_peak(p, scores, 2)] == [1, 4]
-    assert [p for p in range(7) if scores[p] > 1 and naive.is_peak(p, scores, 1)] == [1, 4, 6]
-
-
 def test_outlier_of_ten_sigma_in_one_pass() -> None:
     """Seven points, the fourth 10 high, straight line through four others, σ = 1.
 
@@ -276,14 +188,6 @@ def test_outlier_of_ten_sigma_in_one_pass() -> None:
     assert_allclose(scores, [0, second, third, fourth, third, second, 0], rtol=1e-9, atol=1e-15)
     assert rejected == [3]
     assert passes == 1
-
-
-def test_outlier_is_taken_out_of_the_windows_of_its_neighbours() -> None:
-    """The same line: the second pass sees six zeros, and finds nothing more."""
-    scores, rejected, passes = run([0, 0, 0, 10, 0, 0, 0])
-    assert_allclose(scores, [0, 0, 0, 10 / sqrt(5 / 4) / NORMAL, 0, 0, 0], rtol=1e-9, atol=1e-15)
-    assert rejected == [3]
-    assert passes == 2
 
 
 def test_good_point_between_two_equal_outliers_is_saved() -> None:
@@ -338,49 +242,12 @@ def test_either_falls_back_to_the_window_around_the_point() -> None:
     assert np.isfinite(scores[[1, 3]]).all()
 
 
-@pytest.mark.parametrize('where', range(24))
-@pytest.mark.parametrize('order', [1, 2])
-@pytest.mark.parametrize('sides', ['both', 'either'])
-def test_gross_outlier_takes_no_neighbour_along(sides: str, order: int, where: int) -> None:
-    """Wherever it is: at an end of the segment, beside it, or at the end of a shifted window."""
-    z = [0.0] * 24
-    z[where] = 100.0
-    _, rejected, _ = run(z, sides=sides, order=order, before=5, after=5, min_window=4)
-    assert rejected == [where]
-
-
-def test_too_few_neighbours_leave_points_untested() -> None:
-    """Four points have three others each."""
-    scores, rejected, passes = run([0, 0, 1000, 0], min_window=4, before=4, after=4)
-    assert np.isnan(scores).all()
-    assert rejected == []
-    assert passes == 1
-
-
 @pytest.mark.parametrize(('count', 'tested'), [(9, False), (10, True)])
 def test_estimated_sigma_needs_ten_residuals(count: int, *, tested: bool) -> None:
     """A line of nine points gives nine residuals."""
     scores, rejected, _ = run([0.0] * (count - 4) + [1.0, 0, 0, 0], sigma=0.0)
     assert np.isfinite(scores).all() == tested
     assert rejected == ([count - 4] if tested else [])
-
-
-def test_estimated_sigma_is_the_lines_not_the_segments() -> None:
-    """Two segments of five in one line have ten residuals; in two lines, five each.
-
-    All are exactly on their lines, so the floor of 5 mm is σ: the 10 mm of the last one, predicted
-    from -4, -3, -2, -1 s with q = 30/20, are 2 / √2.5.
-    """
-    t = np.array([0, 1, 2, 3, 4, 10, 11, 12, 13, 14]) * SECOND
-    xyz = np.zeros((10, 3))
-    xyz[9, 0] = 0.01
-    segment = np.array([0] * 5 + [1] * 5)
-    same = np.zeros(10, np.int64)
-    hand = {**HAND, 'sigma': 0.0, 'passes': 1}
-    scores, _, _ = naive.alpha_beta_gamma(t, xyz, segment, same, **hand)
-    assert scores[9] == pytest.approx(2 / sqrt(5 / 2) / NORMAL)
-    scores, _, _ = naive.alpha_beta_gamma(t, xyz, segment, segment, **hand)
-    assert np.isnan(scores).all()
 
 
 def test_own_sigma_goes_before_the_parameter() -> None:

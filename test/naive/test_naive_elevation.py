@@ -14,23 +14,6 @@ from naive import elevation as naive
 ROW = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 6.0), (3.0, 0.0, 0.0), (4.0, 0.0, 0.0)]
 
 
-def test_set_apart() -> None:
-    """Of ten points three may go on either side; a step of exactly the gap does not part."""
-    z = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 12.0, 13.0, -9.0]
-    assert naive.set_apart(z, 5.0, 0.3) == [0, 0, 0, 0, 0, 0, 0, 6, 7, 9]
-    assert naive.set_apart(z, 6.0, 0.3) == [0, 0, 0, 0, 0, 0, 0, 0, 0, 9]
-    # One point may always go, but the two above are more than one.
-    assert naive.set_apart(z, 5.0, 0.1) == [0, 0, 0, 0, 0, 0, 0, 0, 0, 9]
-    assert naive.set_apart(z, 0.0, 0.3) == [0] * 10
-
-
-def test_the_innermost_gap_counts() -> None:
-    """Points beyond several gaps are all set apart, as far as there are few enough."""
-    z = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 20.0, 100.0]
-    assert naive.set_apart(z, 5.0, 0.2) == [0] * 8 + [13, 93]
-    assert naive.set_apart(z, 5.0, 0.1) == [0] * 9 + [80]
-
-
 def test_nothing_to_be_set_apart_from() -> None:
     """Of two points each would be beyond the other."""
     assert naive.set_apart([0.0, 100.0], 5.0, 0.4) == [0, 0]
@@ -44,11 +27,6 @@ def test_nearest() -> None:
     assert naive.nearest(ROW, 0, 2) == [1, 2]
     assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1) == [1, 2]
     assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1, 3) == [1]
-
-
-def test_difference() -> None:
-    """Mean of the others less one's own: 3, 3, -6, 3, 3 with two neighbours."""
-    assert [naive.difference(ROW, p, 2) for p in range(5)] == [3, 3, -6, 3, 3]
 
 
 def test_scores() -> None:
@@ -66,11 +44,6 @@ def test_scores() -> None:
     # A floor of 5 m instead of 4.02 m.
     floor = naive.scores(ROW, 2, 3.0, 'low', 0.0, 0.001, 5.0)
     assert floor == pytest.approx([one / 15 for one in (1.8, 1.8, -7.2, 1.8, 1.8)])
-
-
-def test_scores_of_what_is_set_apart() -> None:
-    """The middle one is 6 m above the others, with a gap of 5: 1.2; the others are flat."""
-    assert naive.scores(ROW, 2, 3.0, 'both', 5.0, 0.001, 0.005) == [0, 0, 1.2, 0, 0]
 
 
 def test_too_few_points() -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, isnan, sqrt
+from math import inf, sqrt
 
 import pytest
 
@@ -32,16 +32,6 @@ def test_limit_of_equal_edges() -> None:
     assert naive.limit([], 0.95) == inf
 
 
-def test_spanning_tree() -> None:
-    """A square with a fifth point above one corner: three sides and one edge up, of length 0.5."""
-    square = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.5)]
-    edges = [(min(edge), max(edge)) for edge in naive.spanning_tree(square)]
-    assert sorted(naive.squared(square[p], square[q]) for p, q in edges) == [0.25, 1, 1, 1]
-    assert (2, 4) in edges
-    assert len(naive.components(5, edges)) == 1
-    assert naive.spanning_tree(square[:1]) == []
-
-
 def test_gabriel_graph() -> None:
     """Of a triangle with an obtuse angle the side across it is missing."""
     obtuse = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (2.0, 1.0, 0.0)]
@@ -58,20 +48,6 @@ def test_gabriel_graph_of_right_angles() -> None:
     square = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
     assert naive.gabriel_graph(square) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
     assert naive.gabriel_graph(on_a_line(0, 1, 2)) == [(0, 1), (1, 2)]
-
-
-def test_prune() -> None:
-    """Steps 1, 1, 1, 1, 6: median 1, mean 2, variance 20/4; the limit at 0.95 is 5.38."""
-    places = on_a_line(0, 1, 2, 3, 4, 10)
-    edges = naive.spanning_tree(places)
-    assert naive.prune(places, edges, 0.95) == edges[:4]
-    # At 0.99 it is 6.76.
-    assert naive.prune(places, edges, 0.99) == edges
-
-
-def test_components() -> None:
-    """Two pairs and a single vertex."""
-    assert naive.components(5, [(0, 3), (4, 1)]) == [[0, 3], [1, 4], [2]]
 
 
 def test_phases() -> None:
@@ -96,11 +72,3 @@ def test_coincident_points_are_one_place() -> None:
     assert verdict.phase == [0] * 10 + [2, 0, 0, 0]
     assert verdict.cluster == [10] * 10 + [1, 3, 3, 3]
     assert naive.detect(on_a_line(5, 5, 5), 0.99, 0.95, 2).cluster == [3, 3, 3]
-
-
-def test_too_few_points() -> None:
-    """Fewer points than a cluster must have are not tested; just as many are."""
-    verdict = naive.detect(on_a_line(0, 1, 2), 0.99, 0.95, 4)
-    assert all(map(isnan, verdict.score))
-    assert verdict.phase == verdict.cluster == [0, 0, 0]
-    assert naive.detect(on_a_line(0, 1, 2), 0.99, 0.95, 3).score == [1, 1, 1]

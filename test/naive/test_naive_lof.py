@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from math import isnan
-
 import pytest
 
 from naive import lof as naive
@@ -60,36 +58,6 @@ def test_more_coincident_points_than_k() -> None:
     stack = (2 / 2.5 + 1 / 3 + 4 / 11) / 4 * 2.5
     expected = [stack, stack, stack, 3 / 2.5, (3 / 2.5 + 1 / 3) / 4 * 11 / 4]
     assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
-
-
-def test_exactly_k_coincident_points() -> None:
-    """With k = 2, two points at 0: the plain definition does, with 2-distances 1, 1, 1, 3.
-
-    Mean reach distances: at 0: (1 + 1) / 2; at 1: (1 + 1) / 2; at 3: 2 and twice 3: 8 / 3.
-    """
-    cloud = on_a_line(0, 0, 1, 3)
-    assert [naive.k_distance_squared(cloud, p, 2) for p in range(4)] == [1, 1, 1, 9]
-    expected = [1, 1, 1, 8 / 3]
-    assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
-
-
-def test_fewer_other_places_than_k() -> None:
-    """With k = 3: all that four points at 0 can reach is the one at 5, and the other way round."""
-    cloud = on_a_line(0, 0, 5, 0, 0)
-    assert [naive.k_distance_squared(cloud, p, 3) for p in range(5)] == [25] * 5
-    assert naive.local_outlier_factors(cloud, 3) == [1, 1, 1, 1, 1]
-
-
-def test_where_all_coincide() -> None:
-    """Nothing stands out."""
-    assert naive.local_outlier_factors(on_a_line(2, 2, 2), 2) == [1, 1, 1]
-
-
-def test_too_few_points() -> None:
-    """Three points have two others each: enough for k = 2, not for 3."""
-    assert not any(isnan(one) for one in naive.local_outlier_factors(on_a_line(0, 1, 3), 2))
-    assert all(isnan(one) for one in naive.local_outlier_factors(on_a_line(0, 1, 3), 3))
-    assert naive.local_outlier_factors([], 1) == []
 
 
 def test_scores() -> None:

@@ -17,9 +17,3 @@ def test_by_hand() -> None:
     cloud = [(x, 0.0, 0.0) for x in (0.0, 1.0, 3.0, 7.0)]
     expected = [1, 1, (1 + 4) / 2, (1 + 4) / 2]
     assert naive.factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
-
-
-def test_even_density() -> None:
-    """On a ring of points every factor is 1."""
-    square = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
-    assert naive.factors(square, 3) == [1, 1, 1, 1]

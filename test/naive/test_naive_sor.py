@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, isnan, sqrt
+from math import inf, sqrt
 
 import pytest
 
@@ -17,12 +17,6 @@ def on_a_line(*x: float) -> list[tuple[float, float, float]]:
 
 
 FOUR = on_a_line(0, 1, 2, 7)  # mean distances to two others: 1.5, 1, 1.5, 5.5
-
-
-def test_mean_distance() -> None:
-    """From 7 to 2 and 1; of three coincident points to the twins."""
-    assert [naive.mean_distance(FOUR, p, 2) for p in range(4)] == [1.5, 1, 1.5, 5.5]
-    assert naive.mean_distance(on_a_line(0, 0, 0, 9), 0, 2) == 0
 
 
 def test_sor() -> None:
@@ -60,12 +54,3 @@ def test_limit_of_nothing() -> None:
     assert naive.sor(on_a_line(3, 3, 3), 2, 2.0) == [0, 0, 0]
     assert naive.sor(FOUR, 2, 1.0, [0, 0, 0, 0]) == [inf, inf, inf, inf]
     assert naive.sor2(FOUR, 2, 1.0, [0, 0, 0, 0]) == [0, inf, 0, inf]
-
-
-def test_too_few_points() -> None:
-    """No mean distance of two others is known of two points; no radius holds two others."""
-    two = on_a_line(0, 1)
-    assert all(isnan(one) for one in naive.sor(two, 2, 1.0) + naive.sor2(two, 2, 1.0))
-    assert naive.radius(two, 2, 5.0) == [inf, inf]
-    assert naive.radius(two, 1, 5.0) == [0.2, 0.2]
-    assert naive.sor([], 1, 1.0) == naive.sor2([], 1, 1.0) == naive.radius([], 1, 1.0) == []

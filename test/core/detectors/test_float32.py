@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.replays import ROW, write_drive
-from helpers.replays import cloud as sweep
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.cli.main import main
@@ -72,18 +70,6 @@ def test_a_stream(kind: str, far: float, count: int) -> None:
         clean.push(cloud(kind, far), stamp=number * 100_000_000)
     assert sum('float32' in text for text in said) == count
     assert sum(SENTENCE in text for text in said) == count
-
-
-def test_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """On standard error, once."""
-    messages = [sweep(number) for number in range(3)]
-    for msg in messages:
-        rows = np.frombuffer(msg.data, ROW).copy()
-        rows['x'] = 131_073.0
-        msg.data = rows.tobytes()
-    source = write_drive(tmp_path / 'drive', messages)
-    assert main(['replay', str(source), '--set=chain=[sor]']) == 0
-    assert capsys.readouterr().err.count(f'/lidar: {SENTENCE}') == 1
 
 
 @pytest.mark.parametrize('kind', ['float', 'double'])

@@ -6,21 +6,15 @@ from __future__ import annotations
 
 import math
 import threading
-from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from helpers.turned_poses import LEVEL, SECOND, START, points, turned
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.core.points import poses
 from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
 from lidar_outlier_filter.errors import PoseError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 NOWHERE = Mounting.at((0, 0, 0), (0, 0, 0))
 
@@ -64,15 +58,6 @@ def test_worked_out_by_hand() -> None:
     np.testing.assert_allclose(moved.take(slice(2, None)).range, [math.hypot(3, 0.5)])
     together = concatenate([moved, moved.take(np.array([0]))])
     np.testing.assert_allclose(together.range, [3, 3, math.hypot(3, 0.5), 3])
-
-
-def test_roll_pitch_yaw() -> None:
-    """About the fixed axes, x first, as static_transform_publisher has it."""
-    mounting = Mounting.at((0, 0, 0), (0.3, -0.2, 2.0))
-    matrix = np.eye(3)
-    for axis, angle in zip('xyz', (0.3, -0.2, 2.0), strict=True):
-        matrix = Rotation.from_euler(axis, angle).as_matrix() @ matrix
-    np.testing.assert_allclose(mounting.matrix, matrix, atol=1e-15)
 
 
 def test_at_the_poses_themselves_nothing_is_interpolated() -> None:
@@ -171,14 +156,6 @@ def test_refused(seconds: float, pose: tuple[float, ...], sentence: str) -> None
     assert len(made) == 2
 
 
-def test_back_to_the_beginning() -> None:
-    """A clock that goes back by more than time_jump begins a new track."""
-    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
-    made.add(START - SECOND, (0.0,) * 3 + LEVEL)
-    assert len(made) == 1
-    assert not made.reaches(START)
-
-
 def test_old_poses_are_forgotten() -> None:
     """A drive of a day takes no more memory than one of two minutes; the last minute is there."""
     made = Track(1.0, 1.0)
@@ -223,6 +200,21 @@ def test_the_poses_around_make_no_difference() -> None:
 # Threads, and a clock that was set back ---------------------------------------------------------
 
 
+@pytest.mark.parametrize('work', ['add', 'begin_anew', 'move', 'reaches'])
+def test_threads_wait_for_each_other(work: str) -> None:
+    """No thread reads or changes the poses while another one does."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    given = {'add': (START + SECOND, (0.0,) * 3 + LEVEL), 'reaches': (START,)}
+    given['move'] = (points((0.2, 1, 0, 0)), NOWHERE)
+    thread = threading.Thread(target=getattr(made, work), args=given.get(work, ()))
+    with made._lock:
+        thread.start()
+        thread.join(0.2)
+        assert thread.is_alive()
+    thread.join(60)
+    assert not thread.is_alive()
+
+
 def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
     """Unless they began anew by themselves, and are those of now."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (5.0, (0.0,) * 3 + LEVEL))
@@ -245,114 +237,6 @@ def test_a_gap_of_exactly_the_longest() -> None:
     assert covered(made, 0.0, 0.125, 0.25) == [True, True, True]
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25 - 1e-9)
     assert covered(made, 0.0, 1e-9, 0.125, 0.25) == [True, False, False, True]
-
-
-class Watched:
-    """A lock that says when somebody has to wait for it."""
-
-    def __init__(self, noticed: threading.Event) -> None:
-        self._lock = threading.Lock()
-        self._noticed = noticed
-
-    def __enter__(self) -> None:
-        """Wait until nobody else has it."""
-        if not self._lock.acquire(blocking=False):
-            self._noticed.set()
-            self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        """Let others have it."""
-        self._lock.release()
-
-
-class Interrupted(list[int]):
-    """Times in which something else is done by another thread, as soon as they are used."""
-
-    def __init__(self, times: list[int], interrupt: Callable[[], object]) -> None:
-        super().__init__(times)
-        self._interrupt = interrupt
-
-    def __getitem__(self, index: Any) -> Any:
-        """Return a part, and be interrupted before that of the poses is taken."""
-        found = super().__getitem__(index)
-        if isinstance(index, slice):
-            self._interrupt()
-        return found
-
-    def append(self, t: int) -> None:
-        """Add a time, and be interrupted before its pose is added."""
-        super().append(t)
-        self._interrupt()
-
-    def __delitem__(self, index: Any) -> None:
-        """Forget times, and be interrupted before their poses are forgotten."""
-        super().__delitem__(index)
-        self._interrupt()
-
-
-def interrupt(made: Track, other: Callable[[], Any]) -> Future[Any]:
-    """Let another thread do something when the times of a track are used next, once.
-
-    It goes as far as it can: until it is done, or until it has to wait.
-    """
-    noticed, result = threading.Event(), Future[Any]()
-
-    def work() -> None:
-        try:
-            result.set_result(other())
-        except Exception as err:  # noqa: BLE001  raised where the result is asked for
-            result.set_exception(err)
-        noticed.set()
-
-    threads = iter([threading.Thread(target=work)])
-
-    def begin() -> None:
-        thread = next(threads, None)
-        if thread is not None:
-            thread.start()
-            assert noticed.wait(PATIENCE)
-
-    made._lock = Watched(noticed)  # type: ignore[assignment]
-    made._times = Interrupted(made._times, begin)
-    return result
-
-
-PATIENCE = 60  # seconds
-ROAD = tuple((i / 10, (float(i), 0.0, 0.0, *LEVEL)) for i in range(8))
-PLACES = ((0.25, 1.0, 0.0, 0.0), (0.45, 1.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize('other', ['begins anew', 'is said to begin anew'])
-def test_a_track_that_begins_anew_while_points_are_moved(other: str) -> None:
-    """They are moved by the poses of before, all of them."""
-    made = track(*ROAD)
-
-    def begin_anew() -> None:
-        if other == 'begins anew':
-            made.add(START - 9 * SECOND, (99.0, 0.0, 0.0, *LEVEL))
-        else:
-            made.begin_anew()
-
-    other_done = interrupt(made, begin_anew)
-    moved = move(made, points(*PLACES), NOWHERE)
-    np.testing.assert_allclose(moved.xyz[:, 0], [3.5, 5.5])
-    other_done.result(PATIENCE)
-    assert len(made) == (1 if other == 'begins anew' else 0)
-
-
-@pytest.mark.parametrize('most', [10**6, 4])
-def test_points_that_are_moved_while_a_pose_is_added(
-    most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They see times and poses that belong together, also while old ones are forgotten."""
-    made = track(*ROAD)
-    monkeypatch.setattr(poses, 'MOST_KEPT', most)
-    places = ((0.65, 1.0, 0.0, 0.0), (0.75, 1.0, 0.0, 0.0))
-    result = interrupt(made, lambda: move(made, points(*places), NOWHERE))
-    made.add(START + 8 * SECOND // 10, (8.0, 0.0, 0.0, *LEVEL))
-    moved = result.result(PATIENCE)
-    np.testing.assert_allclose(moved.xyz[:, 0], [7.5, 8.5])
-    assert len(made) == (9 if most > 9 else 4)
 
 
 def test_opposite_quaternions_are_one_rotation() -> None:

@@ -128,36 +128,20 @@ def predict(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats,
     ------
     FilterError when fewer than ``order + 1`` different times leave the state open.
     """
-    state, covariance = states(t, z, variance, order, 0.0)
-    return state[0], float(covariance[0, 0])
-
-
-def states(t: Floats, z: Floats, variance: Floats, order: int, at: float) -> tuple[Floats, Floats]:
-    """Smooth a window: the full state at the time ``at`` from all of its points, (5) to (10).
-
-    Parameters are those of ``predict``, times being seconds in the scale of ``at``.
-
-    Returns
-    -------
-    state : (order + 1, 3) float64: position (m), velocity (m/s), acceleration (m/s²) of x, y, z.
-    covariance : (order + 1, order + 1) float64, of the state of each one of the coordinates.
-        Its diagonal is (8), (9), (10).
-    """
-    _check_determined(t, order)
+    different = len(np.unique(t))
+    if different <= order:
+        raise FilterError('window', f'of {order + 1} or more different times', different)
     sort = np.argsort(t, kind='stable')
     # In units of the window's half-width every state weighs alike; otherwise seconds of 1e-6 to
-    # the power of four spoil the digits of the covariance.
-    width = float(np.max(np.abs(t - at)))
+    # the power of four spoil the digits of the covariance. The position has no unit of time.
+    width = float(np.max(np.abs(t)))
     origin = z[sort[0]]
-    state, covariance = _smooth((t[sort] - at) / width, z[sort] - origin, variance[sort], order)
-    unit = width ** -np.arange(order + 1.0)
-    state = state * unit[:, None]
-    state[0] += origin
-    return state, covariance * np.outer(unit, unit)
+    position, q = _smooth(t[sort] / width, z[sort] - origin, variance[sort], order)
+    return position + origin, q
 
 
-def _smooth(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats, Floats]:
-    """Filter forwards over sorted times, smooth backwards, and answer for time 0."""
+def _smooth(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats, float]:
+    """Filter forwards over sorted times, smooth backwards; return position and variance at 0."""
     asked = int(np.searchsorted(t, 0.0))
     times = np.insert(t, asked, 0.0)
     fixed = _fixing_points(t, order)
@@ -179,8 +163,7 @@ def _smooth(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats,
     mean, covariance, _, _ = kalman.rts_smoother(
         np.array(means), np.array(covariances), Fs=steps, Qs=[kalman.Q] * len(steps)
     )
-    size = order + 1
-    return mean[asked].reshape(COORDINATES, size).T, covariance[asked][:size, :size]
+    return mean[asked].reshape(COORDINATES, order + 1)[:, 0], float(covariance[asked][0, 0])
 
 
 def _start(t: Floats, z: Floats, variance: Floats) -> Any:
@@ -216,12 +199,6 @@ def _fixing_points(t: Floats, order: int) -> list[int]:
         return [0, len(t) - 1]
     between = int(np.argmax((t - t[0]) * (t[-1] - t)))
     return [0, between, len(t) - 1]
-
-
-def _check_determined(t: Floats, order: int) -> None:
-    different = len(np.unique(t))
-    if different <= order:
-        raise FilterError('window', f'of {order + 1} or more different times', different)
 
 
 def _filterpy() -> Any:
