@@ -58,13 +58,6 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     return np.lexsort((t, line)).astype(np.int64)
 
 
-def inverse(order: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rank of each point in an order."""
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    return rank
-
-
 @kernel
 def is_unchanged(order: NDArray[np.int64]) -> bool:
     """Return whether an order leaves everything where it is."""
@@ -106,12 +99,6 @@ def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:
 def has_lines(points: Points) -> bool:
     """Return whether points have scan lines: several of them, or one along which time passes."""
     return bool(np.ptp(points.line) > 0 or np.ptp(points.t) > 0) if len(points) else False
-
-
-def spins(points: Points) -> bool:
-    """Return whether valid points are those of a spinning sensor."""
-    order = order_by_line(points)
-    return is_interleaved(points.t[order], line_starts(points.line[order]))
 
 
 @kernel

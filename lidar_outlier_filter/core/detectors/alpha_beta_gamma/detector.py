@@ -142,7 +142,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     while len(failing) and number < parameters.passes:
         worst = failing[_is_worst(failing, rank, series.before, series.after, before + after)]
         rejected[worst] = True
-        spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
+        spoiled = _unlink(worst, series.before, series.after, before + after, rejected)
         standard = residuals(series, spoiled, parameters)
         score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, critical, either)
         failing = _still_failing(failing, spoiled, score, rejected)
@@ -319,27 +319,20 @@ def _unlink(
     worst: NDArray[np.int64],
     before: NDArray[np.int64],
     after: NDArray[np.int64],
-    reach_before: int,
-    reach_after: int,
+    reach: int,
     rejected: NDArray[np.bool_],
 ) -> NDArray[np.int64]:
-    """Take points out of their segments; return, once each, those whose windows held one."""
-    reach = reach_before + reach_after
-    marked = np.zeros(len(before), np.bool_)
+    """Take points out of their segments; return, once each, those within reach of one."""
+    marked = rejected.copy()
     spoiled = np.empty(2 * reach * len(worst), np.int64)
     count = 0
     for k in worst:
-        for side in range(2):
-            link = before if side == 0 else after
-            length = _chain_length(link, k, reach)
-            # A point in front holds k among those behind it, and the other way round.
-            near = reach_after if side == 0 else reach_before
-            far = reach_before if side == 0 else reach_after
+        for link in (before, after):
             i = link[k]
-            for distance in range(1, min(length, reach) + 1):
-                # Windows near an end of the segment are shifted inwards and reach farther.
-                shifted = length <= reach and distance > length - far
-                if (distance <= near or shifted) and not marked[i]:
+            for _ in range(reach):
+                if i < 0:
+                    break
+                if not marked[i]:
                     marked[i] = True
                     spoiled[count] = i
                     count += 1
@@ -349,23 +342,7 @@ def _unlink(
             after[before[k]] = after[k]
         if after[k] >= 0:
             before[after[k]] = before[k]
-    kept = 0
-    for m in range(count):
-        if not rejected[spoiled[m]]:
-            spoiled[kept] = spoiled[m]
-            kept += 1
-    return spoiled[:kept]
-
-
-@inner_kernel
-def _chain_length(link: NDArray[np.int64], k: int, most: int) -> int:
-    """Count the points along the links to the end of the segment; most + 1 if there are more."""
-    length = 0
-    i = link[k]
-    while i >= 0 and length <= most:
-        length += 1
-        i = link[i]
-    return length
+    return spoiled[:count]
 
 
 @kernel

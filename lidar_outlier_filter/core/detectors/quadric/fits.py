@@ -122,7 +122,15 @@ def measure_plane(window: Window, n: int) -> None:
         u = plane[MIDDLE] * x + plane[MIDDLE + 1] * y + plane[MIDDLE + 2] * z
         v = plane[LONG] * x + plane[LONG + 1] * y + plane[LONG + 2] * z
         window.lever[i] = level + u * u * tilt_middle + v * v * tilt_long
-        window.sigma2[i] = window.variance[i]
+        window.sigma2[i] = _variance_along(
+            window.variance[i], plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
+        )
+
+
+@inner_kernel
+def _variance_along(variance: float, x: float, y: float, z: float) -> float:
+    """Return A D Aᵀ (30) of one point, with A = (x, y, z) in the frame of the cloud."""
+    return variance * (x * x + y * y + z * z)
 
 
 @inner_kernel
@@ -146,16 +154,21 @@ def measure_gradient(window: Window, n: int) -> None:
     Where two sheets of a quadric meet, the gradient vanishes, and with it the variance; it is held
     at a hundredth of the mean of the kept points, or those few would decide all.
     """
-    a, rows, sigma2, root = window.a, window.rows, window.sigma2, ROOT2
+    a, plane, rows, sigma2 = window.a, window.plane, window.rows, window.sigma2
+    root = ROOT2
     total, count = 0.0, 0
     for i in range(n):
         x, y, z = rows[i, 1], rows[i, 2], rows[i, 3]
         u = a[1] + 2 * a[4] * x + root * (a[5] * y + a[7] * z)
         v = a[2] + 2 * a[6] * y + root * (a[5] * x + a[8] * z)
         w = a[3] + 2 * a[9] * z + root * (a[7] * x + a[8] * y)
-        squared = u * u + v * v + w * w
-        window.slope[i] = np.sqrt(squared)
-        sigma2[i] = window.variance[i] * squared
+        window.slope[i] = np.sqrt(u * u + v * v + w * w)
+        sigma2[i] = _variance_along(
+            window.variance[i],
+            u * plane[LONG] + v * plane[MIDDLE] + w * plane[NORMAL],
+            u * plane[LONG + 1] + v * plane[MIDDLE + 1] + w * plane[NORMAL + 1],
+            u * plane[LONG + 2] + v * plane[MIDDLE + 2] + w * plane[NORMAL + 2],
+        )
         if window.kept[i]:
             total += sigma2[i]
             count += 1
