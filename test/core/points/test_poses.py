@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,8 +205,11 @@ def test_the_poses_around_make_no_difference() -> None:
 def test_threads_wait_for_each_other(work: str) -> None:
     """No thread reads or changes the poses while another one does."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
-    given = {'add': (START + SECOND, (0.0,) * 3 + LEVEL), 'reaches': (START,)}
-    given['move'] = (points((0.2, 1, 0, 0)), NOWHERE)
+    given: dict[str, tuple[Any, ...]] = {
+        'add': (START + SECOND, (0.0,) * 3 + LEVEL),
+        'move': (points((0.2, 1, 0, 0)), NOWHERE),
+        'reaches': (START,),
+    }
     thread = threading.Thread(target=getattr(made, work), args=given.get(work, ()))
     with made._lock:
         thread.start()
