@@ -6,11 +6,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, can_draw
 from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -30,7 +29,8 @@ def add_evaluate(commands: Commands) -> None:
         'evaluate',
         help='compare what was rejected with the truth',
         description='Count what a run found and lost, against labels: in the clouds of its output, '
-        'or in files beside them. With scores (scores: true) there are curves and detectors too.',
+        'or in files beside them. With scores (scores: true) there are curves and detectors too. '
+        'Exit status: 0 all done; 1 refused; 3 written without pictures: matplotlib is missing.',
         epilog='examples:\n  lidar-outlier-filter evaluate drive_cleaned\n'
         '  lidar-outlier-filter evaluate street_cleaned.laz --labels truth.laz --codes 7,18',
     )
@@ -136,8 +136,9 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import FOLDER, check_new
     from lidar_outlier_filter.evaluation.report import evaluate, tables
 
+    draw = True
     if options.output is not None:
-        import_module('matplotlib')  # before the work
+        draw = can_draw()
         check_new(options.output, FOLDER)
     points, codes = _read(options)
     result = evaluate(points, codes)
@@ -147,9 +148,9 @@ def _run(options: argparse.Namespace) -> int:
             console.print()
         console.print(table)
     if options.output is not None:
-        write(result, options.output)
+        write(result, options.output, draw=draw)
         console.print(f'written to {options.output}', markup=False, highlight=False, soft_wrap=True)
-    return DONE
+    return DONE if draw else INCOMPLETE
 
 
 def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
@@ -167,8 +168,8 @@ def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
     return judged.read_files(options.verdicts, truth, codes, columns), codes
 
 
-def write(result: Evaluation, folder: Path) -> None:
-    """Write numbers and pictures to a new folder, which appears whole or not at all.
+def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:
+    """Write numbers, and pictures if wanted, to a new folder, which appears whole or not at all.
 
     Raises
     ------
@@ -179,13 +180,14 @@ def write(result: Evaluation, folder: Path) -> None:
     import json
 
     from lidar_outlier_filter.disk.new_files import FOLDER, new_output
-    from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
     from lidar_outlier_filter.evaluation.report import to_json
 
     with new_output(folder, FOLDER) as built:
         text = json.dumps(to_json(result), indent=1) + '\n'
         (built / NUMBERS).write_text(text, encoding='utf-8')
-        if result.curve is not None:
+        if draw and result.curve is not None:
+            from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
+
             curves, settings = {'score': result.curve}, {'score': result.whole}
             draw_roc(curves, built / ROC, settings)
             draw_precision_recall(curves, built / PRECISION_RECALL, settings)

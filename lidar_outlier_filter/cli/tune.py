@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.tuning.training import Training
 
 FOLDS = 5
+NOT_WEATHER = (
+    'Injected outliers are moved points.\n'
+    'This F1 does not hold for snow, rain, fog, exhaust or mixed pixels.'
+)
 
 
 def add_tune(commands: Commands) -> None:
@@ -122,7 +126,10 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from lidar_outlier_filter.disk.new_files import check_new, new_output
+    from lidar_outlier_filter.evaluation.labels import is_recording
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import write_yaml
     from lidar_outlier_filter.tuning import output as tuned
@@ -153,7 +160,14 @@ def _run(options: argparse.Namespace) -> int:
     about = tuned.sentence(found, names)
     with new_output(output) as built:
         built.write_text(f'# {about}\n{write_yaml(found.parameters.flat())}', encoding='utf-8')
-    _show(found, parameters, output)
+    notes = list(found.notes)
+    if options.inject is not None:
+        notes.append(NOT_WEATHER)
+        if is_recording(options.data[0]):
+            arguments = f'--onto {options.data[0]} --weather light_snow --output snowy'
+            notes.append(f'Better: lidar-outlier-filter simulate {arguments}, and tune on snowy.')
+    _show(found, parameters, notes)
+    Console().print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
     if data.unmoved:
@@ -219,8 +233,8 @@ def _injection(options: argparse.Namespace) -> Injection | None:
     return Injection(options.inject, tuple(options.inject_distance), seed=options.seed)
 
 
-def _show(found: Tuned, parameters: FilterParameters, output: Path) -> None:
-    """Print what was found, and how to use it."""
+def _show(found: Tuned, parameters: FilterParameters, notes: Sequence[str]) -> None:
+    """Print what was found, what is doubtful, and how to use it."""
     from rich.console import Console
 
     from lidar_outlier_filter.parameters.yaml_files import ros_lines
@@ -230,9 +244,8 @@ def _show(found: Tuned, parameters: FilterParameters, output: Path) -> None:
     for table in tuned.tables(found, parameters):
         console.print(table)
         console.print()
-    lines = ros_lines(parameters, found.values)
-    if lines:
-        console.print('On a node that runs with the parameters of the start:', highlight=False)
-        lines.append('')
-    for line in (*lines, f'written to {output}'):
+    lines = [*notes, ''] if notes else []
+    if steps := ros_lines(parameters, found.values):
+        lines += ['On a node that runs with the parameters of the start:', *steps, '']
+    for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -142,31 +142,21 @@ def _keys(points: Points, where: NDArray[np.intp]) -> list[bytes]:
     return [row.tobytes() for row in np.hstack(columns)]
 
 
-class SharedSight:
+class SharedInputs:
     """Gives chains that differ in a threshold only the same input for the same points."""
 
     def __init__(self) -> None:
-        """Remember nothing yet."""
-        self._known: list[tuple[int, DetectorInput]] = []
+        """Begin empty."""
+        self._known: dict[tuple[object, ...], DetectorInput] = {}
 
     def __call__(
         self, points: Points, parameters: FilterParameters, neighbours: int, *, whole: bool
     ) -> DetectorInput:
-        """Return what is known of equal points, or look at them."""
-        for most, seen in self._known:
-            if (most, seen.whole) == (neighbours, whole) and _are_equal(seen.points, points):
-                return seen
-        seen = DetectorInput(points, parameters, neighbours, whole=whole)
-        self._known = [(neighbours, seen), *self._known[: SHARED_BLOCKS - 1]]
-        return seen
-
-
-def _are_equal(one: Points, other: Points) -> bool:
-    """Return whether points are the same to all detectors."""
-    for name in ('t', 'line', 'xyz', 'sigma', 'own', 'intensity', 'ring'):
-        a, b = getattr(one, name), getattr(other, name)
-        if (a is None) != (b is None):
-            return False
-        if a is not None and not np.array_equal(a, b, equal_nan=a.dtype.kind == 'f'):
-            return False
-    return True
+        """Return the cached input of equal points, or a new one."""
+        columns = (points.xyz, points.t, points.line)
+        key = (neighbours, whole, *(column.tobytes() for column in columns))
+        if key not in self._known:
+            while len(self._known) >= SHARED_BLOCKS:
+                del self._known[next(iter(self._known))]
+            self._known[key] = DetectorInput(points, parameters, neighbours, whole=whole)
+        return self._known[key]

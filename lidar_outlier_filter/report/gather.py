@@ -11,8 +11,8 @@ import numpy as np
 
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.report.chains import NEAR, ExplainingChain, SharedSight
-from lidar_outlier_filter.report.points import RECORDED, thin
+from lidar_outlier_filter.report.chains import NEAR, ExplainingChain, SharedInputs
+from lidar_outlier_filter.report.points import RECORDED, fill, thin
 from lidar_outlier_filter.report.steps import (
     BAD,
     GOOD,
@@ -204,7 +204,7 @@ def _judge_steps(  # noqa: PLR0913  what a second reading adds to
         return
     with_reasons = source.parameters.changed({'scores': True})
     chains = [Chain(sliders[one].changed(with_reasons, step)) for one, step in steps]
-    sight = SharedSight()
+    sight = SharedInputs()
     for chain in chains:
         chain.see = sight
     tables = [RowCounts(2) for _ in steps]
@@ -234,11 +234,8 @@ class Keeper:
             more = {name: one.dtype for name, one in cloud.saved.items() if name != 'intensity'}
             self._parts.append(np.empty(0, [*RECORDED, *more.items()]))
         rows = np.zeros(len(cloud.points), self._parts[0].dtype)
-        for name in ('xyz', 't', 'line', 'range'):
-            rows[name] = getattr(cloud.points, name)
-        for name in ('score', 'detectors', 'rejected', 'reason'):
-            rows[name] = getattr(cloud.verdict, name)
-        rows['intensity'] = np.nan
+        fill(rows, cloud.points, cloud.verdict, cloud.saved.get('intensity'))
+        rows['range'] = cloud.points.range
         for name in cloud.saved.keys() & set(rows.dtype.names or ()):
             rows[name] = cloud.saved[name]
         rows['truth'], rows['why'], rows['added'] = cloud.truth, why, added

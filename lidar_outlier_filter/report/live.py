@@ -15,7 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.chains import NEAR
 from lidar_outlier_filter.report.gather import SHORT, STRETCH
-from lidar_outlier_filter.report.points import LIVE, intensity_limits, message, pack, thin
+from lidar_outlier_filter.report.points import LIVE, fill, intensity_limits, message, pack, thin
 from lidar_outlier_filter.report.sources import saved_columns
 
 if TYPE_CHECKING:
@@ -98,14 +98,8 @@ class LiveClouds:
             self._close()
         verdict = cloud.verdict.take(where)
         rows = np.zeros(len(verdict), LIVE)
-        for one in ('xyz', 't', 'line'):
-            rows[one] = getattr(points, one)
-        for one in ('score', 'detectors', 'rejected', 'reason'):
-            rows[one] = getattr(verdict, one)
-        rows['intensity'] = np.nan
-        if view is not None:
-            name = saved_columns(view.dtype.names or ()).get('intensity', '')
-            rows['intensity'] = view[name][where] if name else np.nan
+        name = '' if view is None else saved_columns(view.dtype.names or ()).get('intensity', '')
+        fill(rows, points, verdict, view[name][where] if view is not None and name else None)
         bits = np.where(rows['rejected'], REJECTED_BIT, 0)
         rows['bits'] = bits | np.where(rows['score'] > NEAR, NEAR_BIT, 0)
         if not self._pending:

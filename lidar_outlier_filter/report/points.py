@@ -27,7 +27,11 @@ from lidar_outlier_filter.report.steps import BITS
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.annotations import Floats, Ints, Rows, Singles, Words
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
 
 # What a live page keeps of a point, and what a recorded page keeps beside it.
 LIVE = [
@@ -60,6 +64,15 @@ LINES = 1 << (32 - BITS)
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity between which colours change
 MAX_REASONS = 127  # that have a number in the words
 ALIGNMENT = 16  # bytes: words begin at a multiple
+
+
+def fill(rows: Rows, points: Points, verdict: Verdict, intensity: NDArray[Any] | None) -> None:
+    """Write points (N,) with their verdict into rows (N,) of ``LIVE`` or more."""
+    for name in ('xyz', 't', 'line'):
+        rows[name] = getattr(points, name)
+    for name in ('score', 'detectors', 'rejected', 'reason'):
+        rows[name] = getattr(verdict, name)
+    rows['intensity'] = np.nan if intensity is None else intensity
 
 
 def thin(points: Rows, most: int) -> Rows:

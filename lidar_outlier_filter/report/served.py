@@ -191,9 +191,8 @@ def _number(what: str, text: str, least: int, most: int) -> int:
 
 
 def _unknown(path: str) -> _RequestError:
-    return _RequestError(
-        'the path', 'one that the page asks for', shown(path), HTTPStatus.NOT_FOUND
-    )
+    must_be = 'one that the page asks for'
+    return _RequestError('the path', must_be, shown(path), HTTPStatus.NOT_FOUND)
 
 
 def about() -> dict[str, Any]:

@@ -39,6 +39,9 @@ class Tuned:
         The same with those found without the fold that the stretch is in: what to expect.
     folds : what was found without each fold
     alone : outliers and good points that each detector of the chain, and no other, rejects
+    default : (S, 4) int64 or None
+        Tally of the default chain; None if the search began with it.
+    notes : sentences on values at limits of the search, and on detectors that reject nothing
 
     """
 
@@ -49,6 +52,8 @@ class Tuned:
     held_out: Ints
     folds: tuple[Mapping[str, object], ...]
     alone: Mapping[str, tuple[int, int]]
+    default: Ints | None = None
+    notes: tuple[str, ...] = ()
 
 
 def tables(found: Tuned, start: FilterParameters) -> list[Table]:
@@ -66,10 +71,13 @@ def whole(counts: NDArray[np.int64]) -> Confusion:
 
 def _worth(found: Tuned) -> Table:
     interval = f'{100 * CONFIDENCE:g} % interval'
-    answer = Table('', 'start', 'tuned', 'to expect', interval, box=None, pad_edge=False)
+    tallies = {'start': found.before, 'tuned': found.after, 'to expect': found.held_out}
+    if found.default is not None:
+        tallies = {'default': found.default, **tallies}
+    answer = Table('', *tallies, interval, box=None, pad_edge=False)
     for column in answer.columns[1:]:
         column.justify = 'right'
-    runs = [whole(counts) for counts in (found.before, found.after, found.held_out)]
+    runs = [whole(counts) for counts in tallies.values()]
     expected = f1_interval(found.held_out)
     for name, ratios, limits in (
         ('F1', [run.f1 for run in runs], expected),

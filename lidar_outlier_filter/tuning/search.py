@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.thresholds import threshold as threshold_of
 from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED, f1, tally
-from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import as_yaml
 from lidar_outlier_filter.tuning.output import Tuned
 from lidar_outlier_filter.tuning.search_space import searches
 
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Progress
     from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.core.verdict import Verdict
-    from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.search_space import Search, Values
     from lidar_outlier_filter.tuning.training import Training
 
@@ -40,6 +41,7 @@ MAX_ROUNDS = 5  # over all detectors, or until nothing changes
 TOLERANCE = 1e-3  # relative: values that are worth this much less are as good
 MAX_VERDICTS = 8  # kept in memory
 MIN_FOLDS = 2
+MIN_TRIED = 3  # values of a parameter whose ends are limits of the search
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,8 @@ def tune(  # noqa: PLR0913  what the command line offers
 
     """
     fold = fold_of_each(data, folds)
-    searcher = Searcher(data, parameters, searches(parameters, wanted, kept), goal, progress)
+    listed = searches(parameters, wanted, kept)
+    searcher = Searcher(data, parameters, listed, goal, progress)
     held_out = np.zeros((data.stretches, 4), np.int64)
     found = []
     for number in range(folds):
@@ -183,6 +186,8 @@ def tune(  # noqa: PLR0913  what the command line offers
         held_out,
         tuple(found),
         _alone(data, searcher.judge(values), parameters.chain),
+        _tally_default(data, parameters),
+        _notes(listed, values, searcher.judge(values)),
     )
 
 
@@ -208,6 +213,41 @@ def _alone(data: Training, verdict: Verdict, chain: Sequence[str]) -> dict[str, 
         outliers, good = np.count_nonzero(mine & data.bad), np.count_nonzero(mine & data.good)
         result[name] = int(outliers), int(good)
     return result
+
+
+def _tally_default(data: Training, parameters: FilterParameters) -> Ints | None:
+    """Tally the default chain and threshold by stretch; None if the search began with them."""
+    defaults = FilterParameters()
+    thresholds = [threshold_of(DETECTORS[name], defaults) for name in defaults.chain]
+    names = ['chain', 'vote', *(one.name for one in thresholds if one is not None)]
+    default = parameters.changed({name: defaults.flat()[name] for name in names})
+    return None if default == parameters else _tally(data, data.judge(default).rejected)
+
+
+def _tally(data: Training, rejected: Bools) -> Ints:
+    """Tally a verdict by stretch, (S, 4)."""
+    known = data.bad | data.good
+    return tally(data.bad[known], rejected[known], data.stretch[known], data.stretches)
+
+
+def _notes(listed: Sequence[Search], values: Values, verdict: Verdict) -> tuple[str, ...]:
+    """Name values at an end of the values tried, and detectors that reject nothing."""
+    notes = []
+    for search in listed:
+        tried: dict[str, set[Any]] = {search.threshold.name: set(search.threshold.values)}
+        for setting in search.settings:
+            for name, value in setting.items():
+                tried.setdefault(name, set()).add(value)
+        for name, choices in tried.items():
+            if len(choices) < MIN_TRIED or any(isinstance(one, str) for one in choices):
+                continue
+            for end, value in (('smallest', min(choices)), ('largest', max(choices))):
+                if values.get(name) == value:
+                    text = f'{name}: {as_yaml(value)} is the {end} value tried'
+                    notes.append(f'{text}. --search tries others.')
+        if not (verdict.detectors & DETECTORS[search.detector].bit).any():
+            notes.append(f'{search.detector} rejects no point with the parameters found.')
+    return tuple(notes)
 
 
 class Searcher:
@@ -271,11 +311,7 @@ class Searcher:
         """Run the chain with some parameters changed; tally by stretch, (S, 4)."""
         key = tuple(sorted(values.items()))
         if key not in self._counts:
-            data, rejected = self._data, self.judge(values).rejected
-            known = data.bad | data.good
-            self._counts[key] = tally(
-                data.bad[known], rejected[known], data.stretch[known], data.stretches
-            )
+            self._counts[key] = _tally(self._data, self.judge(values).rejected)
         return self._counts[key]
 
     def find(self, train: Bools) -> dict[str, object]:

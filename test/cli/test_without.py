@@ -228,7 +228,7 @@ print([main(words) for words in {commands}])
         (3, NO_PICTURE, ['clean', 'cloud.csv', '--picture', 'worst.png', *CSV], True),
         (3, NO_PICTURE, ['report', 'drive', '--output', 'a', '--figures', 'b', *FAST], True),
         (1, NO_PICTURE, ['report', 'drive', '--figures', 'figures'], False),
-        (1, 'matplotlib', ['evaluate', 'cloud.csv', '--output', 'out'], False),
+        (3, NO_PICTURE, ['evaluate', 'cloud.csv', '--score', 'z', '--output', 'out'], True),
         (1, 'matplotlib', ['results', '--output', 'out.md'], False),
         (1, 'matplotlib', ['demo', '--output', 'out'], False),
         (1, 'sklearn', ['train', '--output', 'out.json'], False),

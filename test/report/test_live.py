@@ -90,26 +90,20 @@ def test_rejected_points_stay_first() -> None:
     assert header['intensity'] == pytest.approx([0.02, 0.98], abs=1e-3)
 
 
-def test_memory_is_bounded_where_time_stands_still() -> None:
-    """Frames are cut and forgotten all the same."""
+def test_memory_is_bounded_where_time_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames are cut at so many clouds or points, and forgotten."""
     clouds, same = LiveClouds(), cloud(1, 0, 1)
     for _ in range(MAX_PENDING_CLOUDS * (MAX_FRAMES + 2)):
         clouds.add(same, None)
     header, *_ = read_message(clouds.since(-1))
     assert len(header['frames']) == MAX_FRAMES
     assert header['frames'][0]['points'] == MAX_PENDING_CLOUDS
-
-
-def test_large_clouds_of_one_time_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A frame is full when it has so many points, however few clouds they came in."""
     monkeypatch.setattr(live, 'MAX_PENDING_POINTS', 1000)
     clouds, same = LiveClouds(), cloud(1, 0, 400)
     for _ in range(7):
         clouds.add(same, None)
-    assert [frame['points'] for frame in read_message(clouds.since(-1))[0]['frames']] == [
-        1200,
-        1200,
-    ]
+    frames = read_message(clouds.since(-1))[0]['frames']
+    assert [frame['points'] for frame in frames] == [1200, 1200]
 
 
 def test_a_clock_that_goes_back_begins_anew() -> None:

@@ -24,41 +24,6 @@ if TYPE_CHECKING:
     from helpers.nodes import Ros
 
 CONFIG = ROOT / 'config'
-# What rviz_default_plugins of Jazzy reads of a PointCloud2 display
-OF_EVERY_CLOUD = {
-    'Class',
-    'Name',
-    'Enabled',
-    'Value',
-    'Topic',
-    'Selectable',
-    'Style',
-    'Size (Pixels)',
-    'Size (m)',
-    'Alpha',
-    'Decay Time',
-    'Position Transformer',
-    'Color Transformer',
-}
-OF_A_TOPIC = {
-    'Value',
-    'Depth',
-    'History Policy',
-    'Reliability Policy',
-    'Durability Policy',
-    'Filter size',
-}
-OF_A_COLOUR = {
-    'FlatColor': {'Color'},
-    'Intensity': {
-        'Channel Name',
-        'Use rainbow',
-        'Invert Rainbow',
-        'Autocompute Intensity Bounds',
-        'Min Intensity',
-        'Max Intensity',
-    },
-}
 
 
 def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
@@ -94,12 +59,6 @@ def refuse_alike(low: float, high: float) -> None:
     assert min(math.dist(*two) for two in combinations(colours, 2)) > 0.5
 
 
-def test_sums_of_bits_look_alike() -> None:
-    """They were the channel before: this is what the number is for."""
-    colours = [rainbow((bit - 1) / 63) for bit in BITS.values()]
-    assert min(math.dist(*two) for two in combinations(colours, 2)) < 0.1
-
-
 def test_rviz(ros: Ros) -> None:
     """Both clouds, received however they are sent; outliers in a colour for each detector."""
     topics, fields = published(ros)
@@ -119,16 +78,6 @@ def test_rviz(ros: Ros) -> None:
     assert outliers['Use rainbow']
     assert not outliers['Invert Rainbow'] | outliers['Autocompute Intensity Bounds']
     refuse_alike(outliers['Min Intensity'], outliers['Max Intensity'])
-
-
-def test_rviz_knows_what_is_set() -> None:
-    """A display has no property that RViz does not read: it would pass over it without a word."""
-    tree = yaml.safe_load((CONFIG / 'filter.rviz').read_text())
-    for display in tree['Visualization Manager']['Displays']:
-        if display['Class'] == 'rviz_default_plugins/PointCloud2':
-            read = OF_EVERY_CLOUD | OF_A_COLOUR[display['Color Transformer']]
-            assert set(display) <= read
-            assert set(display['Topic']) == OF_A_TOPIC
 
 
 def test_foxglove(ros: Ros) -> None:

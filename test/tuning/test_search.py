@@ -167,6 +167,33 @@ def test_the_start_stays_where_nothing_is_better() -> None:
     np.testing.assert_array_equal(again.before, again.after)
 
 
+def test_notes() -> None:
+    """Values at an end of what was tried, and detectors that reject nothing, are named."""
+    data, start = road(3), chain('alpha_beta_gamma', 'lof')
+    tried: dict[str, list[object]] = {
+        **wanted(start),
+        'alpha_beta_gamma.significance': [1e-15, 1e-9, 1e-5],
+        'lof.threshold': [1000.0, 2000.0, 4000.0],
+    }
+    found = tune(data, start, Goal(), 2, wanted=tried)
+    assert found.values['alpha_beta_gamma.significance'] == 1e-5
+    limit, nothing = found.notes
+    assert limit.startswith('alpha_beta_gamma.significance: 1.0e-05 is the largest value tried')
+    assert nothing.startswith('lof rejects no point')
+    assert small(data, chain('sor')).notes == ()
+
+
+def test_the_default_is_measured() -> None:
+    """Beside the start and the result; not where the search begins with the default."""
+    data, start = road(3, 20), chain('sor')
+    found = small(data, start)
+    assert found.default is not None
+    assert total(found.default) == run(data, FilterParameters())
+    assert found.default.shape == found.before.shape
+    plain = tune(data, FilterParameters(), Goal(), 2, kept=['boosted_trees.threshold'])
+    assert plain.default is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('vote', [0, 1, 2])
 def test_detectors_that_must_agree(vote: int) -> None:

@@ -101,7 +101,7 @@ def test_command(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixtu
         words += ['--search', f'sor.{name}={given[f"sor.{name}"]}']
     assert main(['tune', str(recorded.bag), *words]) == 0
     printed = capsys.readouterr()
-    row = re.search(r'^F1 +\S+ % +([\d.]+) %', printed.out, re.MULTILINE)
+    row = re.search(r'^F1 +\S+ % +\S+ % +([\d.]+) %', printed.out, re.MULTILINE)
     assert row is not None
     replay(recorded.bag, tmp_path / 'out', parameters=read_yaml(output))
     found = read_recording(tmp_path / 'out', codes=ALL_BUT_0, files=recorded.files)
