@@ -37,7 +37,8 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'params_file',
         default_value='',
-        description="ROS parameter file for the filter; empty: the node's defaults.",
+        description="ROS parameter file for the filter; empty: the node's defaults. "
+        'Several, with commas between: one for each namespace.',
     ),
     DeclareLaunchArgument(
         'namespace',
@@ -109,10 +110,6 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     argument = context.launch_configurations
     use_sim_time = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
     parameters: list[object] = [{'use_sim_time': use_sim_time}]
-    if params_file := argument['params_file']:
-        if not Path(params_file).is_file():  # launch_ros would warn, and start with the defaults
-            raise ParameterError('params_file', 'a file that exists', repr(params_file))
-        parameters.append(ParameterFile(params_file))
     topics = [topic.strip() for topic in argument['input_topic'].split(',')]
     if len(topics) > 1:
         parameters.append({'inputs': topics})
@@ -127,7 +124,9 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     if argument['page'] == 'true':
         arguments += ['--page', argument['page_port']]
     nodes = []
-    for namespace in split_namespaces(argument['namespace'], topics):
+    namespaces = split_namespaces(argument['namespace'], topics)
+    files = parameter_files(argument['params_file'], len(namespaces))
+    for namespace, own in zip(namespaces, files, strict=True):
         common: dict[str, Any] = {'namespace': namespace, 'additional_env': environment}
         if argument['rviz'] == 'true':
             nodes.append(viewer(topics[0], argument['fixed_frame'], use_sim_time, common))
@@ -136,7 +135,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
                 package='lidar_outlier_filter',
                 executable='outlier_filter_node',
                 name=NODE_NAME,
-                parameters=parameters,
+                parameters=[*parameters, *own],
                 remappings=remappings(topics[0]) if len(topics) == 1 else [],
                 arguments=arguments,
                 ros_arguments=['--log-level', argument['log_level']],
@@ -146,6 +145,19 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
             )
         )
     return nodes
+
+
+def parameter_files(text: str, count: int) -> list[list[ParameterFile]]:
+    """List the parameter file of each namespace: one for all, or several with commas between."""
+    paths = [path.strip() for path in text.split(',')] if text else []
+    if len(paths) not in {0, 1, count}:
+        must_be = f'one file, or one for each of {count} namespaces'
+        raise ParameterError('params_file', must_be, repr(text))
+    for path in paths:
+        if not Path(path).is_file():  # launch_ros would warn, and start with the defaults
+            raise ParameterError('params_file', 'a file that exists', repr(path))
+    files = [[ParameterFile(path)] for path in paths] or [[]]
+    return files if len(files) == count else files * count
 
 
 def viewer(topic: str, frame: str, use_sim_time: ParameterValue, common: dict[str, Any]) -> Node:

@@ -294,9 +294,9 @@ class Pipeline:
         self.degrade(on=self._is_degraded)
         self._queue.set_max_delay(parameters.max_delay)
 
-    def refused(self, err: CloudError, count: int = 1) -> None:
-        """Count and report one or several clouds that were refused elsewhere."""
-        self.statistics.refusals.note(err.what, count)
+    def refused(self, err: CloudError) -> None:
+        """Count and report a cloud that was refused after it was accepted, or before."""
+        self.statistics.refusals.note(err.what)
         self.refuse(err)
 
     # Steps ----------------------------------------------------------------------------------------

@@ -23,9 +23,9 @@ OTHER_REASONS = 'other reasons'
 class CountsByReason(Counter[str]):
     """Counts by reason. Reasons may quote a message, so all beyond a limit are counted as one."""
 
-    def note(self, what: str, count: int = 1) -> None:
-        """Count more of a reason."""
-        self[what if what in self or len(self) < MAX_REASONS else OTHER_REASONS] += count
+    def note(self, what: str) -> None:
+        """Count a reason once more."""
+        self[what if what in self or len(self) < MAX_REASONS else OTHER_REASONS] += 1
 
 
 @dataclass

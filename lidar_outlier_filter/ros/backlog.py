@@ -25,11 +25,11 @@ FORGET = 0.95  # of the longest time that a cloud took, from one cloud to the ne
 
 @dataclass
 class Received:
-    """A cloud in wait, when it was received (ns of the clock of max_delay), and its bytes."""
+    """A serialised cloud, when it was received (ns of the clock of max_delay), and its message."""
 
-    msg: Any
+    data: bytes
     at: int
-    size: int
+    msg: Any = None  # once it is read
 
 
 class Inbox:
@@ -139,7 +139,7 @@ class Inbox:
             item = self._items.popleft()
             if isinstance(item, Received):
                 self._clouds -= 1
-                self._size -= item.size
+                self._size -= len(item.data)
             return item
 
     def received_now(self, now: int) -> None:
@@ -155,7 +155,7 @@ class Inbox:
     def _add(self, item: Received) -> None:
         self._items.append(item)
         self._clouds += 1
-        self._size += item.size
+        self._size += len(item.data)
 
     def _drop_oldest(self) -> int:
         """Drop the oldest cloud; commands stay."""
@@ -164,7 +164,7 @@ class Inbox:
         )
         del self._items[index]
         self._clouds -= 1
-        self._size -= oldest.size
+        self._size -= len(oldest.data)
         return 1
 
 

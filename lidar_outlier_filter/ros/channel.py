@@ -16,23 +16,22 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
-from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, read_cloud
+from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher
 from lidar_outlier_filter.ros.health import Backlog, Health, LossWarning, Report
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import DelayClock, Worker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.errors import JudgingError
+    from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.pipeline.motion import PoseSource
     from lidar_outlier_filter.pipeline.statistics import Statistics
@@ -58,7 +57,7 @@ class Channel:
         self.topic = topic
         self.resolved: str = node.resolve_topic_name(topic)
         self.health = Health(get_rmw_implementation_identifier())
-        self._losses = LossWarning()
+        self._losses = LossWarning(self.health.advice)
         self._node = node
         self._log = node.get_logger()
         self._parameters = parameters
@@ -157,6 +156,9 @@ class Channel:
             remarks.append('disabled: clouds pass unfiltered')
         if self.worker.treatment is not Treatment.FILTER:
             remarks.append(f'too much to filter: clouds are {self.worker.treatment.value}')
+        name = self.publisher.cleaned.topic_name
+        if (count := self._node.count_publishers(name)) > 1:
+            remarks.append(f'{count} publishers on {name}: another node has the same outputs')
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set and nobody publishes /clock')
         return remarks
@@ -205,7 +207,7 @@ class CloudReceiver:
                 Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
             )
         create = partial(
-            self._subscribe, PointCloud2, self._topic, self._take, INPUT_DEPTH, raw=True
+            self._subscribe, PointCloud2, self._topic, self.take, INPUT_DEPTH, raw=True
         )
         try:
             events = SubscriptionEventCallbacks(message_lost=self._lost)
@@ -221,12 +223,12 @@ class CloudReceiver:
         received = self._drain(clouds)
         for msg in self._drain(odometry):
             self._take_pose(msg)
-        return [self._noted(msg) for msg in self._read(received)]
+        return [self._noted(data) for data in received]
 
-    def take(self, msg: PointCloud2) -> None:
-        """Put a cloud into the inbox."""
+    def take(self, data: bytes) -> None:
+        """Put a serialised cloud into the inbox."""
         self._worker.raise_failure()
-        self._health.dropped(self._worker.inbox.put(self._noted(msg)))
+        self._health.dropped(self._worker.inbox.put(self._noted(data)))
 
     def _subscribe(
         self, kind: type, name: str, receive: Callable[[Any], object], depth: int, **options: Any
@@ -251,22 +253,10 @@ class CloudReceiver:
         self._node.destroy_subscription(subscription)
         return received
 
-    def _take(self, data: bytes) -> None:
-        for msg in self._read([data]):
-            self.take(msg)
-
-    def _read(self, received: Iterable[bytes]) -> Iterator[PointCloud2]:
-        """Read clouds; invalid ones are counted."""
-        for data in received:
-            try:
-                yield read_cloud(data)
-            except CloudError as err:
-                self._worker.refuse(err)
-
-    def _noted(self, msg: PointCloud2) -> Received:
+    def _noted(self, data: bytes) -> Received:
         """Count a cloud, and note when it was received."""
-        self._health.received(msg.width * msg.height)
-        return Received(msg, self._worker.clock.now(), len(msg.data))
+        self._health.received()
+        return Received(data, self._worker.clock.now())
 
     def _take_pose(self, msg: Odometry) -> None:
         if self._motion is not None:

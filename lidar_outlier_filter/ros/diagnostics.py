@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.pipeline.visibility import UNSEEN, VIEWED
-from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+from lidar_outlier_filter.ros.health import ERROR, OK, WARN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,9 @@ class Diagnostics:
         ]
         self._status.publish(array)
         self._node.statuses = array.status
-        self._plotted.publish(self._table(PLOTTED, [report.plotted for report in reports]))
+        self._plotted.publish(
+            self._table([*reports[0].plotted], [[*one.plotted.values()] for one in reports])
+        )
         views = [UNSEEN if one.view is None else one.view.plotted() for one in reports]
         self._seen.publish(self._table(VIEWED, views))
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,52 +30,22 @@ PROFILES = {
     'rmw_fastrtps_cpp': 'config/fastdds_large_clouds.xml',
     'rmw_cyclonedds_cpp': 'config/cyclonedds_large_clouds.xml',
 }
-# Of one look, in this order, in the message for plotting.
-PLOTTED = (
-    'clouds_per_second',
-    'points_per_second',
-    'rejected_share',
-    'untested_share',
-    'refused',
-    'lost',
-    'dropped',
-    'passed',
-    'backlog_clouds',
-    'backlog_megabytes',
-    'waiting_clouds',
-    'delay_p50',
-    'delay_p95',
-    'delay_max',
-    'age_p95',
-    'processing_p95',
-)
 LOSS_PERIOD = 5.0  # seconds between two warnings
-
-
-class Loss(Enum):
-    """What happened to a cloud that was not filtered as asked, for people."""
-
-    ON_THE_WAY = 'lost on the way'
-    DROPPED = 'dropped'
-    PASSED = 'passed unfiltered'
-    SHED = 'filtered by the smoother alone'
-    UNMOVED = 'judged without poses'
-
-    @property
-    def is_by_policy(self) -> bool:
-        """Whether ``load.policy`` decided it."""
-        return self in {Loss.DROPPED, Loss.PASSED, Loss.SHED}
+LOST, DROPPED, PASSED = 'lost on the way', 'dropped', 'passed unfiltered'
+DEGRADED, WITHOUT_POSE = 'filtered by the smoother alone', 'judged without poses'
+BY_POLICY = {DROPPED, PASSED, DEGRADED}  # load.policy decides these
 
 
 class LossWarning:
     """Sums up losses, and warns of them at a bounded rate; no loss is left out."""
 
-    def __init__(self) -> None:
-        """Begin with nothing lost; the first loss is warned of at once."""
-        self._said: Counter[Loss] = Counter()
+    def __init__(self, advice: str = '') -> None:
+        """Begin with nothing lost; ``advice`` says what helps against losses on the way."""
+        self._advice = advice
+        self._said: Counter[str] = Counter()
         self._quiet = LOSS_PERIOD  # seconds since the last warning
 
-    def look(self, lost: Mapping[Loss, int], policy: str, seconds: float) -> str:
+    def look(self, lost: Mapping[str, int], policy: str, seconds: float) -> str:
         """Return the warning that is due; empty where there is none.
 
         Parameters
@@ -91,8 +60,10 @@ class LossWarning:
         if not new or self._quiet < LOSS_PERIOD:
             return ''
         self._said, self._quiet = Counter(lost), 0.0
-        counts = ', '.join(f'{count} {loss.value}' for loss, count in new.items())
-        reason = f' (load.policy is {policy})' if any(loss.is_by_policy for loss in new) else ''
+        counts = ', '.join(f'{count} {what}' for what, count in new.items())
+        reason = '' if BY_POLICY.isdisjoint(new) else f' (load.policy is {policy})'
+        if LOST in new:
+            reason += f'; {self._advice}'
         return f'clouds not filtered as asked since the last warning: {counts}{reason}'
 
 
@@ -102,8 +73,6 @@ class _Tally:
 
     clouds: int = 0
     points: int = 0
-    lost: int = 0
-    dropped: int = 0
     delays: list[float] = field(default_factory=list)
     ages: list[float] = field(default_factory=list)
     spent: list[float] = field(default_factory=list)
@@ -128,7 +97,7 @@ class Report:
     level: int
     message: str
     values: dict[str, str]
-    plotted: tuple[float, ...]
+    plotted: dict[str, float]
     view: SensorView | None = None  # None: it has seen no cloud
 
 
@@ -138,35 +107,38 @@ class Health:
     def __init__(self, middleware: str = 'rmw_fastrtps_cpp') -> None:
         """Begin with nothing; what is lost on the way is advised on for this middleware."""
         profile = PROFILES.get(middleware)
-        self._advice = (
+        self.advice = (
             f'for large clouds set {profile} for both sides'
             if profile
             else f'doc/large_clouds.md says what helps with large clouds over {middleware}'
         )
         self._lock = threading.Lock()
         self._tally = _Tally()
-        self._lost = self._dropped = 0  # since the start
         self._silent = 0.0  # seconds, at the last look
         self._unanswered = 0.0  # seconds in which clouds were dropped, and none was answered
+        self._missed: Counter[str] = Counter()  # clouds since the start, lost and dropped
+        self._missed_before: Counter[str] = Counter()
         self._counts = self._before = Statistics()
 
-    def received(self, points: int) -> None:
+    def received(self) -> None:
         """Note a cloud that came in."""
         with self._lock:
             self._tally.clouds += 1
+
+    def read(self, points: int) -> None:
+        """Note the points of a cloud that was read."""
+        with self._lock:
             self._tally.points += points
 
     def lost(self, count: int) -> None:
         """Note clouds that the middleware says it has lost."""
         with self._lock:
-            self._tally.lost += count
-            self._lost += count
+            self._missed[LOST] += count
 
     def dropped(self, count: int = 1) -> None:
         """Note clouds that were too many, and get no answer."""
         with self._lock:
-            self._tally.dropped += count
-            self._dropped += count
+            self._missed[DROPPED] += count
 
     def answered(self, delay: float, age: float) -> None:
         """Note an answer: seconds since the cloud was received, and since its stamp."""
@@ -190,17 +162,17 @@ class Health:
         with self._lock:
             self._counts = counts
 
-    def losses(self) -> dict[Loss, int]:
+    def losses(self) -> Counter[str]:
         """Count the clouds since the start that were not filtered as asked, by what happened."""
         with self._lock:
             counts = self._counts
-            return {
-                Loss.ON_THE_WAY: self._lost,
-                Loss.DROPPED: self._dropped,
-                Loss.PASSED: counts.bypassed['overload'] + counts.bypassed['failure'],
-                Loss.SHED: counts.degraded,
-                Loss.UNMOVED: counts.without_pose,
-            }
+            return self._missed + Counter(
+                {
+                    PASSED: counts.bypassed['overload'] + counts.bypassed['failure'],
+                    DEGRADED: counts.degraded,
+                    WITHOUT_POSE: counts.without_pose,
+                }
+            )
 
     def look(  # noqa: PLR0913  what others know
         self,
@@ -218,14 +190,17 @@ class Health:
         with self._lock:
             tally, self._tally = self._tally, _Tally()
             counts, before = self._counts, self._before
-            self._before = counts
+            since = self._missed - self._missed_before
+            self._before, self._missed_before = counts, self._missed.copy()
         self._silent = 0.0 if tally.clouds else self._silent + seconds
         if tally.delays:
             self._unanswered = 0.0
-        elif tally.dropped:
+        elif since[DROPPED]:
             self._unanswered += seconds
         waits = max(backlog.oldest, self._unanswered)
-        look = _Look(tally, counts, before, seconds, backlog, self._silent, waits, self._advice)
+        look = _Look(
+            tally, since, counts, before, seconds, backlog, self._silent, waits, self.advice
+        )
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
         if view is not None:
             complaints += [(WARN, text) for text in view.complaints(limits)]
@@ -234,7 +209,7 @@ class Health:
             level,
             '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
             look.values()
-            | {'lost': str(self._lost), 'dropped': str(self._dropped)}
+            | {'lost': str(self._missed[LOST]), 'dropped': str(self._missed[DROPPED])}
             | ({} if view is None else view.values()),
             look.plotted(),
             view,
@@ -246,6 +221,7 @@ class _Look:
     """One look at what has happened."""
 
     tally: _Tally
+    missed: Counter[str]
     now: Statistics
     before: Statistics
     seconds: float
@@ -281,17 +257,13 @@ class _Look:
             level = ERROR if self.backlog.oldest > ERROR_LIMITS['delay'] * max_delay else WARN
             yield level, f'no answer for {self.waits:.1f} s, max_delay {max_delay:g} s'
         delay = _percentiles(tally.delays)[1]
-        missed = {
-            'refused': self.refused,
-            'lost on the way': tally.lost,
-            'dropped': tally.dropped,
-            'passed unfiltered': self.passed,
-            'judged without poses': self.now.without_pose - self.before.without_pose,
-        }
-        total = max(tally.clouds + tally.lost, 1)
-        said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
-        said = f'of {tally.clouds + tally.lost} clouds {said}'
-        if tally.lost:
+        missed = Counter({'refused': self.refused}) + self.missed
+        missed[PASSED] = self.passed
+        missed[WITHOUT_POSE] = self.now.without_pose - self.before.without_pose
+        received = tally.clouds + missed[LOST]
+        counts = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
+        said = f'not filtered as asked: {counts}; {received} received or lost'
+        if missed[LOST]:
             said += f' ({self.advice})'
         silence = f'no cloud for {self.silent:.0f} s'
         if self.backlog.publishers:
@@ -303,7 +275,7 @@ class _Look:
                 delay / max_delay,
                 f'the 95th percentile of the delay is {delay:.2f} s, max_delay {max_delay:g} s',
             ),
-            ('unfiltered', min(sum(missed.values()) / total, 1.0), said),
+            ('unfiltered', min(missed.total() / max(received, 1), 1.0), said),
             (
                 'rejected',
                 self.share('outliers'),
@@ -361,25 +333,28 @@ class _Look:
             found |= {f'{text} {name}': str(count) for name, count in sorted(counter.items())}
         return found
 
-    def plotted(self) -> tuple[float, ...]:
-        """Return the values of ``PLOTTED``; seconds, shares, and counts since the last look."""
-        tally = self.tally
-        return (
-            tally.clouds / self.seconds,
-            tally.points / self.seconds,
-            self.share('outliers'),
-            self.share('untested'),
-            float(self.refused),
-            float(tally.lost),
-            float(tally.dropped),
-            float(self.passed),
-            float(self.backlog.clouds),
-            self.backlog.megabytes,
-            float(self.backlog.waiting),
-            *_percentiles(tally.delays),
-            _percentiles(tally.ages)[1],
-            _percentiles(tally.spent)[1],
-        )
+    def plotted(self) -> dict[str, float]:
+        """Name what is plotted: seconds, shares, and counts since the last look."""
+        tally, backlog = self.tally, self.backlog
+        p50, p95, largest = _percentiles(tally.delays)
+        return {
+            'clouds_per_second': tally.clouds / self.seconds,
+            'points_per_second': tally.points / self.seconds,
+            'rejected_share': self.share('outliers'),
+            'untested_share': self.share('untested'),
+            'refused': float(self.refused),
+            'lost': float(self.missed[LOST]),
+            'dropped': float(self.missed[DROPPED]),
+            'passed': float(self.passed),
+            'backlog_clouds': float(backlog.clouds),
+            'backlog_megabytes': backlog.megabytes,
+            'waiting_clouds': float(backlog.waiting),
+            'delay_p50': p50,
+            'delay_p95': p95,
+            'delay_max': largest,
+            'age_p95': _percentiles(tally.ages)[1],
+            'processing_p95': _percentiles(tally.spent)[1],
+        }
 
 
 def _percentiles(values: Sequence[float]) -> tuple[float, float, float]:

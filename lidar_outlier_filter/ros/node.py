@@ -146,8 +146,20 @@ class OutlierFilterNode(TunableNode):
         self._diagnostics = Diagnostics(self, self.channels)
         for channel in self.channels:
             channel.start(self._compiler)
+        self._warn_of_overrides()
         self._is_started = True
         self._compiler.want(self.filter_parameters)
+
+    def _warn_of_overrides(self) -> None:
+        """Warn of overrides of the quality of service for topics that this node has not."""
+        for name in self._parameter_overrides:
+            prefix, _, setting = name.partition('.')[2].partition('.')
+            if not name.startswith('qos_overrides.') or self.has_parameter(name):
+                continue
+            known = [str(one) for one in self._parameters if one.startswith('qos_overrides.')]
+            meant = [one for one in known if one.endswith(f'.{setting}') and prefix not in one]
+            hint = f'; did you mean {" or ".join(meant)}?' if meant else ''
+            self.get_logger().warning(f'{name} has no effect: no such topic or setting{hint}')
 
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.
@@ -239,6 +251,16 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         """Declare the parameters; the options are those of OutlierFilterNode."""
         OutlierFilterNode.__init__(self, **options)
         LifecycleNodeMixin.__init__(self)
+        self._change = self._service_change_state.callback
+        self._service_change_state.callback = self._change_state
+
+    def _change_state(self, request: Any, response: Any) -> Any:
+        """Refuse a transition that the state lacks: rclpy would raise an error."""
+        allowed = {number for number, *_ in self._state_machine.available_transitions}
+        if not request.transition.label and request.transition.id not in allowed:
+            response.success = False
+            return response
+        return self._change(request, response)
 
     def start(self) -> None:
         """Offer the services, and wait for a manager."""

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from rclpy.duration import Duration
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
+from lidar_outlier_filter.ros.endpoints import read_cloud
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -60,9 +60,6 @@ class Worker:
         self._thread: threading.Thread | None = None
         self.ready = threading.Event()  # the kernels are
         self.ready.set()
-        self._lock = threading.Lock()
-        self._unread: Counter[str] = Counter()  # clouds that wait to be counted, by what was wrong
-        self._unread_last: dict[str, CloudError] = {}
         self._taken: Received | None = None  # the cloud that is filtered
         self._waits: Received | None = None  # the cloud that has waited longest for its answer
 
@@ -127,22 +124,6 @@ class Worker:
     def flush_pending(self) -> None:
         """Publish all clouds that wait for their blocks, judged with the points that there are."""
         self._do(lambda: self._publish(self._filter.flush_pending()))
-
-    def refuse(self, err: CloudError) -> None:
-        """Count a cloud that could not even be read: once the filter has time, however many."""
-        with self._lock:
-            is_first = not self._unread
-            self._unread[err.what] += 1
-            self._unread_last[err.what] = err
-        if is_first:
-            self._do(self._count_unread)
-
-    def _count_unread(self) -> None:
-        with self._lock:
-            counts, self._unread = self._unread, Counter()
-            errors, self._unread_last = self._unread_last, {}
-        for what, count in counts.items():
-            self._filter.refused(errors[what], count)
 
     def _do(self, command: Callable[[], object], *, in_turn: bool = False) -> None:
         """Do something to the filter between two clouds: at once, where there is no thread."""
@@ -214,10 +195,17 @@ class Worker:
         """Filter a cloud, or do with it what the load allows; unfiltered while kernels compile."""
         began = perf_counter()
         treatment = self._treat(received)
+        if treatment is Treatment.DROP and self.ready.is_set():
+            self._health.dropped()
+            return
+        try:
+            received.msg = read_cloud(received.data)
+        except CloudError as err:
+            self._filter.refused(err)
+            return
+        self._health.read(len(received.msg.data) // max(received.msg.point_step, 1))
         if self.enabled and not self.ready.is_set():
             self._publish(self._process(received.msg, received, 'compiling'))
-        elif treatment is Treatment.DROP:
-            self._health.dropped()
         elif treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
             self._publish(self._filter.flush_pending())

@@ -17,12 +17,15 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.live import KEEP_ALL, PATIENCE, new_domain
+from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.health import Backlog, Health
 from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 if TYPE_CHECKING:
@@ -42,6 +45,10 @@ def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> li
 def flush(node: OutlierFilterNode) -> list[SplitCloud]:
     """Answer all that is pending in a node that is not started."""
     return node.channels[0]._filter.flush()
+
+
+# The columns of ~/statistics.
+PLOTTED = tuple(Health().look(1.0, HealthLimits(), 1.0, Backlog(0, 0.0, 0)).plotted)
 
 
 class Diagnosis:
@@ -210,6 +217,12 @@ class Sensor:
     def wait_for_answers(self) -> float:
         """Serve until the expected answers are there; return when (monotonic, seconds)."""
         return float(self._ros.wait(self._answered))
+
+
+def receive(channel: Channel, msg: PointCloud2) -> None:
+    """Let a channel that filters receive a cloud, as from the middleware."""
+    assert channel.worker.ready.wait(PATIENCE)
+    channel.receiver.take(serialize_message(msg))
 
 
 def wait_for_kernels(node: OutlierFilterNode) -> None:

@@ -193,15 +193,6 @@ def test_split_of_nothing(
         assert as_sent(result).width == result.width
 
 
-@pytest.mark.parametrize('options', [{}, {'scores': True}])
-def test_split_of_a_blank_message(options: dict[str, Any]) -> None:
-    """A cloud without points need not have fields, nor sizes that make sense."""
-    for msg in (PointCloud2(), PointCloud2(height=7, point_step=2**32 - 1, row_step=9)):
-        for result in split(msg, Verdict.untested(0), **options):
-            assert (result.width, result.row_step, len(result.data)) == (0, 0, 0)
-            assert result.header == msg.header
-
-
 def number_of(bits: int) -> int:
     """Count up to the lowest bit of a detector; the bit of the second phase is none."""
     return next((n + 1 for n in range(15) if bits & 1 << n), 0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.clouds import SECOND, STAMP, cloud, dump, table, to_rosbags
+from helpers.clouds import SECOND, STAMP, cloud, table
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import (
@@ -24,8 +24,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.core.points.points import Points
@@ -398,17 +396,3 @@ def test_empty_cloud(shape: tuple[int, ...]) -> None:
         assert points.xyz.shape == (0, 3)
     assert not informed
     assert not warned
-
-
-@pytest.mark.parametrize('kind', [lambda msg: msg, to_rosbags], ids=['ros', 'rosbags'])
-def test_message_untouched(kind: Callable[..., Any]) -> None:
-    """Reading changes nothing, big-endian or not, and keeps no hold on the data."""
-    for order in '<>':
-        rows = table(12, order, t=('u4', range(12)), ring=('u2', range(12))).reshape(3, 4)
-        msg = kind(cloud(rows, row_padding=3))
-        before = dump(msg)
-        points = decode(msg)
-        assert dump(msg) == before
-        assert points.line.tolist() == list(range(12))
-        for column in (points.xyz, points.t, points.line):
-            assert not np.shares_memory(column, np.frombuffer(msg.data, np.uint8))

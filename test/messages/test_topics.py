@@ -40,12 +40,4 @@ def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
     )
     for total, change in ((3, 3), (5, 2)):
         handler.callback(SimpleNamespace(total_count=total, total_count_change=change))
-    assert channel.health._lost == 5
-
-
-def test_at_the_end_nothing_is_subscribed_to(ros: Ros) -> None:
-    """Neither clouds nor poses."""
-    node = ros.filter(parameters=MOVING)
-    node.start()
-    node.finish()
-    assert {'/points', '/odom'}.isdisjoint(item.topic_name for item in node.subscriptions)
+    assert channel.health._missed['lost on the way'] == 5

@@ -19,13 +19,10 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
-from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
@@ -125,22 +122,6 @@ def test_types_of_numbers(kind: str, order: Any) -> None:
     backwards = detect_outliers(xyz.astype(kind)[::-1], chain=['sor'])
     assert_same(backwards.take(np.s_[::-1]), expected)
     assert_same(detect_outliers(given), detect_outliers(xyz))
-
-
-def test_lists() -> None:
-    """Whatever numpy makes an array of will do."""
-    xyz = floor(200)
-    assert_same(detect_outliers(xyz.tolist()), detect_outliers(xyz))
-
-
-@pytest.mark.parametrize('name', [None, *WITHOUT_LINES])
-@pytest.mark.parametrize('count', [0, 1, 2, 8])
-def test_few_points(count: int, name: str | None) -> None:
-    """No points, one, and few: an answer of that length, without an outlier but of small groups."""
-    verdict = detect_outliers(floor(12)[:count], chain=None if name is None else [name])
-    assert len(verdict.score) == len(verdict.outlier) == count
-    assert np.isnan(verdict.score).all()
-    assert not verdict.outlier.any()
 
 
 # Times and lines --------------------------------------------------------------------------------
@@ -255,136 +236,47 @@ def test_chain_and_parameters() -> None:
     assert CloudFilter().parameters == FilterParameters()
 
 
-def test_votes() -> None:
-    """A vote asks several detectors about all points."""
-    xyz = floor()
-    alone = [detect_outliers(xyz, chain=[name]) for name in ('lof', 'sor')]
-    both = detect_outliers(xyz, chain=['lof', 'sor'], parameters={'vote': 2})
-    np.testing.assert_array_equal(both.outlier, alone[0].outlier & alone[1].outlier)
-    assert both.outlier.any()
-
-
-def test_as_the_command(tmp_path: Path) -> None:
-    """A file without scan lines has the verdict of its points."""
-    xyz = floor(400)
-    xyz = xyz[np.isfinite(xyz).all(axis=1)]
-    xyz[5, 2] = 60.0
-    path, output = tmp_path / 'cloud.csv', tmp_path / 'out.csv'
-    lines = ['x,y,z', *(','.join(map(repr, row)) for row in xyz.tolist())]
-    path.write_text('\n'.join(lines) + '\n')
-    clean_file(path, output, FilterParameters())
-    table = np.genfromtxt(output, delimiter=',', names=True)
-    verdict = detect_outliers(xyz)
-    np.testing.assert_array_equal(table['outlier'] == 1, verdict.outlier)
-    assert verdict.outlier.any()
-
-
 # What is refused --------------------------------------------------------------------------------
 
 XYZ = floor(100)
 T, LINE = np.arange(100), np.zeros(100, int)
 TABLE = np.zeros(9, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
 MASKED = np.ma.MaskedArray(XYZ)
-REFUSALS: list[tuple[type[FilterError], tuple[Any, dict[str, Any]], str]] = [
-    (CloudError, (XYZ.T, {}), 'the shape of xyz must be (N, 3), got (3, 100)'),
-    (CloudError, (XYZ[:, :2], {}), 'the shape of xyz must be (N, 3), got (100, 2)'),
-    (CloudError, (XYZ[0], {}), 'the shape of xyz must be (N, 3), got (3,)'),
-    (CloudError, ([], {}), 'the shape of xyz must be (N, 3), got (0,)'),
-    (CloudError, (5.0, {}), 'the shape of xyz must be (N, 3), got ()'),
-    (CloudError, (XYZ > 0, {}), 'xyz must be an array of numbers, got one of bool'),
-    (CloudError, (XYZ + 1j, {}), 'xyz must be an array of numbers, got one of complex128'),
-    (CloudError, (None, {}), 'xyz must be an array of numbers, got one of object'),
-    (CloudError, ([[1, 2, 3], [1]], {}), 'xyz must be an array of numbers, got rows of different'),
-    (CloudError, (MASKED, {}), 'xyz must be an array of numbers without a mask, got a masked'),
-    (
-        CloudError,
-        (XYZ, {'t': T[1:]}),
-        'the shape of t must be (100,), as xyz has 100 points, got (',
-    ),
-    (
-        CloudError,
-        (XYZ, {'t': T[:, None]}),
-        'the shape of t must be (100,), as xyz has 100 points, ',
-    ),
-    (CloudError, (XYZ, {'line': 3}), 'the shape of line must be (100,), as xyz has 100 points, g'),
-    (
-        CloudError,
-        (XYZ, {'line': LINE / 2}),
-        'line must be an array of integers, got one of float64',
-    ),
-    (CloudError, (XYZ, {'t': T > 3}), 't must be an array of numbers, got one of bool'),
-    (
-        CloudError,
-        (XYZ, {'t': T.astype('M8[ns]')}),
-        't must be an array of numbers, got one of datet',
-    ),
-    (CloudError, (XYZ, {'t': T + 1e10}), 'the time of a point must be finite and within 73 years'),
-    (
-        CloudError,
-        (XYZ, {'t': T * np.nan}),
-        'the time of a point must be finite and within 73 years',
-    ),
-    (CloudError, (TABLE, {'t': T[:9]}), 't must be a field of a cloud that has fields, got an ar'),
-    (CloudError, (TABLE[['x', 'y']], {}), 'the fields must be with x, y and z, got x, y'),
-    (
-        CloudError,
-        (XYZ, {'parameters': {'max_points': 9}}),
-        'the number of points judged in one pie',
-    ),
-    (FilterError, (XYZ * 1e200, {}), 'coordinates must be finite and at most 1e+150 m'),
-    (ParameterError, (XYZ, {'chain': ['loff']}), "got ['loff'] (did you mean 'lof'?)"),
-    (ParameterError, (XYZ, {'chain': 'lof'}), "chain must be a list of texts, got 'lof'"),
-    (ParameterError, (XYZ, {'chain': []}), 'chain must be a list, without repetition, of one of'),
-    (
-        ParameterError,
-        (XYZ, {'chain': ['lof'], 'parameters': {'chain': ['lof']}}),
-        'chain must be given once, got another one among the parameters',
-    ),
-    (
-        ParameterError,
-        (XYZ, {'parameters': {'lof.treshold': 2}}),
-        "a parameter must be a known one, got 'lof.treshold' (did you mean 'lof.threshold'?)",
-    ),
-    (
-        ParameterError,
-        (XYZ, {'parameters': ['lof']}),
-        "the parameters must be a mapping as in {'max_points': 1000}, got ['lof']",
-    ),
-    (
-        ParameterError,
-        (XYZ, {'parameters': {'time_field': 'tick'}}),
-        "time_field must be given for clouds with fields only, got 'tick' for an array without",
-    ),
-    (
-        ParameterError,
-        (XYZ, {'chain': ['alpha_beta_gamma', 'lof']}),
-        'chain must be without alpha_beta_gamma, as the cloud has no time of each point, got ',
-    ),
-    (
-        ParameterError,
-        (XYZ, {'parameters': {'chain': ['alpha_beta_gamma']}, 't': T}),
-        'chain must be without alpha_beta_gamma, as the cloud has no scan line of each point, got ',
-    ),
+LACKS = 'chain must be without alpha_beta_gamma, as the cloud has no '
+BY_LINES: dict[str, Any] = {'chain': ['alpha_beta_gamma', 'lof']}
+TWICE: dict[str, Any] = {'chain': ['lof'], 'parameters': {'chain': ['lof']}}
+BARE = TABLE[['x', 'y', 'z']]
+REFUSALS: list[tuple[type[FilterError], Any, dict[str, Any], str]] = [
+    (CloudError, XYZ.T, {}, 'the shape of xyz must be (N, 3), got (3, 100)'),
+    (CloudError, [], {}, 'the shape of xyz must be (N, 3), got (0,)'),
+    (CloudError, XYZ > 0, {}, 'xyz must be an array of numbers, got one of bool'),
+    (CloudError, None, {}, 'xyz must be an array of numbers, got one of object'),
+    (CloudError, [[1, 2, 3], [1]], {}, 'xyz must be an array of numbers, got rows of different'),
+    (CloudError, MASKED, {}, 'xyz must be an array of numbers without a mask, got a masked'),
+    (CloudError, XYZ, {'t': T[1:]}, 'the shape of t must be (100,), as xyz has 100 points, got'),
+    (CloudError, XYZ, {'line': 3}, 'the shape of line must be (100,), as xyz has 100 points, got'),
+    (CloudError, XYZ, {'line': LINE / 2}, 'line must be an array of integers, got one of float64'),
+    (CloudError, XYZ, {'t': T * np.nan}, 'the time of a point must be finite and within 73 years'),
+    (CloudError, TABLE, {'t': T[:9]}, 't must be a field of a cloud that has fields, got an ar'),
+    (CloudError, TABLE[['x', 'y']], {}, 'the fields must be with x, y and z, got x, y'),
+    (CloudError, XYZ, {'parameters': {'max_points': 9}}, 'the number of points judged in one pie'),
+    (FilterError, XYZ * 1e200, {}, 'coordinates must be finite and at most 1e+150 m'),
+    (ParameterError, XYZ, {'chain': ['loff']}, "got ['loff'] (did you mean 'lof'?)"),
+    (ParameterError, XYZ, TWICE, 'chain must be given once'),
+    (ParameterError, XYZ, {'parameters': ['lof']}, 'the parameters must be a mapping as in'),
+    (ParameterError, XYZ, {'parameters': {'time_field': 'tick'}}, 'time_field must be given for'),
+    (ParameterError, XYZ, BY_LINES, LACKS + 'time of each point'),
+    (ParameterError, XYZ, BY_LINES | {'t': T}, LACKS + 'scan line of each point'),
+    (ParameterError, TABLE, BY_LINES, LACKS + 'scan line of each point'),
+    (ParameterError, BARE, BY_LINES, LACKS + 'time of each point'),
 ]
 
 
-@pytest.mark.parametrize(
-    ('error', 'given', 'sentence'), REFUSALS, ids=[text for _, _, text in REFUSALS]
-)
+@pytest.mark.parametrize(('error', 'xyz', 'others', 'sentence'), REFUSALS)
 def test_refusals(
-    error: type[FilterError], given: tuple[Any, dict[str, Any]], sentence: str
+    error: type[FilterError], xyz: Any, others: dict[str, Any], sentence: str
 ) -> None:
     """What makes no sense is refused in one sentence: what, must be, got."""
-    xyz, others = given
     with pytest.raises(error, match=re.escape(sentence)) as refusal:
         detect_outliers(xyz, **others)
     assert type(refusal.value) is error
-
-
-def test_cloud_with_fields_but_no_lines() -> None:
-    """A chain that needs lines is refused for a structured array that has none."""
-    rows = drive(1)[['x', 'y', 'z', 'timestamp']]
-    with pytest.raises(ParameterError, match='as the cloud has no scan line of each point'):
-        detect_outliers(rows, chain=['alpha_beta_gamma'])
-    with pytest.raises(ParameterError, match='as the cloud has no time of each point'):
-        detect_outliers(rows[['x', 'y', 'z']], chain=['alpha_beta_gamma'])

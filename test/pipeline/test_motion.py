@@ -14,13 +14,10 @@ from helpers.moving_sensor import SOR, Moving, rejected
 from helpers.profile_scanner import SHOTS, Drive, seconds
 from helpers.sweeps import sweep
 
-from lidar_outlier_filter.core.points.points import concatenate
-from lidar_outlier_filter.core.points.poses import Mounting, Track
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
-from lidar_outlier_filter.ros.tf import make_motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -119,24 +116,6 @@ def test_spinning_sensor_is_judged_by_its_own_angles(cuts: int, delay: float) ->
         bytes(one.outliers.data) for one in still(spinning(cuts), boosted_trees)
     )
     assert sum(answer.outliers.width for answer in answers) > 100
-
-
-def test_coordinates_are_kept_where_points_were_moved() -> None:
-    """Without motion there is no second array; with it, it is the one that was there."""
-    points = sweep(1, 0.0)
-    assert points.own is None
-    assert points.in_own_frame is points
-    track = Track(2.0, 1.0)
-    for t in (-1, SECOND):
-        track.add(t, (400_000.0, 5_000_000.0, 0.0, 0.0, 0.0, 0.6, 0.8))
-    moved, _ = track.move(points, Mounting.at((0.0, 0.0, 1.0), (0.0, 0.0, 0.5)))
-    assert moved.own is points.xyz
-    assert moved.in_own_frame.xyz is points.xyz
-    assert np.array_equal(moved.range, points.range)
-    again, _ = track.move(moved, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert again.own is points.xyz
-    some = concatenate([moved.take(slice(5)), moved.take(np.arange(5, len(points)))])
-    assert np.array_equal(some.in_own_frame.xyz, points.xyz)
 
 
 def test_range_is_the_distance_from_the_sensor() -> None:
@@ -347,27 +326,6 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     assert moving.filter.statistics.resets == 1
 
 
-def test_odometry_that_goes_back_before_the_clouds() -> None:
-    """It is that of the next loop already: the clouds of it need not wait for more."""
-    moving, clouds, odometry = looped(Drive(0.5))
-    for msg in odometry[:20]:
-        moving.motion.take(msg)
-    assert len(moving.filter.process(clouds[0], clouds[0])) == 1
-    moving.filter.flush()
-    assert moving.filter.statistics.without_pose == 0
-
-
-def test_after_a_clock_was_set_back_clouds_wait_as_before() -> None:
-    """For as long, by the time of the new clouds; nothing is flushed in between."""
-    drive = Drive(1.0)
-    moving = Moving({'time_jump': 0.2, 'max_delay': 0.45})
-    clouds = drive.clouds(drive.own)
-    moving.filter.process(clouds[9], clouds[9])
-    counts = [len(moving.filter.process(msg, msg)) for msg in clouds[:7]]
-    assert counts == [1, 0, 0, 0, 0, 0, 1]
-    assert moving.filter.statistics.without_pose == 3
-
-
 def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
     """And no longer: by one nanosecond more it goes on without poses."""
     for later, waits in ((0, True), (1, False)):
@@ -376,28 +334,6 @@ def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
             rows = table(1, ring=('u2', 1), t=('u4', 0))
             moving.filter.process(cloud(rows, STAMP + stamp), stamp)
         assert moving.filter.statistics.without_pose == (0 if waits else 1)
-
-
-@pytest.mark.parametrize('start', [-5, 0])
-def test_clouds_without_points_tell_no_time(start: int) -> None:
-    """Also where sensor time is before its zero."""
-    moving = Moving({'max_delay': 0.45})
-    rows = table(1, ring=('u2', 1), t=('u4', 0))
-    empty = table(1, ring=('u2', 1), t=('u4', 0), x=('f4', np.nan))
-    moving.filter.process(cloud(rows, start * SECOND), 'first')
-    moving.filter.process(cloud(empty, start * SECOND), 'empty')
-    moving.filter.process(cloud(rows, start * SECOND + 1), 'second')
-    assert moving.filter.statistics.resets == moving.filter.statistics.without_pose == 0
-    assert moving.filter.pending == 3
-
-
-def test_wild_times_are_refused_at_once() -> None:
-    """They would be looked up in tf one by one."""
-    moving = Moving()
-    rows = table(2, ring=('u2', 1), time=('f8', [0, 9e8 + 0.5]))
-    with pytest.raises(CloudError, match='the time that a cloud spans must be at most 1000 s'):
-        moving.filter.process(cloud(rows, 0))
-    assert moving.filter.pending == 0
 
 
 def test_tf_needs_its_messages(ros: Ros) -> None:
@@ -410,8 +346,3 @@ def test_tf_needs_its_messages(ros: Ros) -> None:
             ros.filter('-p', 'motion.source:=tf')
     else:
         ros.filter('-p', 'motion.source:=tf')
-
-
-def test_none_is_none(ros: Ros) -> None:
-    """By default clouds are taken as they are."""
-    assert make_motion(ros.client, FilterParameters()) is None

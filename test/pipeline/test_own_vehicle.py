@@ -152,27 +152,6 @@ def _bare(rows: Rows) -> Rows:
     return bare
 
 
-def test_votes_do_not_save_it(mask: str) -> None:
-    """However many detectors must agree, the vehicle is an outlier."""
-    turns = [turn(20)]
-    given = {'chain': ['sor', 'lof'], 'vote': 2, 'mask': mask, 'scores': True}
-    (answer,), _ = answers(turns, given)
-    bits = structured(answer.outliers)['outlier_detectors']
-    assert np.count_nonzero(bits == MASKED) == np.count_nonzero(turns[0]['own'])
-
-
-def test_missing_returns_are_dropped_beside_it(mask: str) -> None:
-    """Dropped are the missing returns, and the vehicle is none."""
-    rows = turn(20)
-    gone = np.flatnonzero(rows['own'] == 0)[:33]
-    for axis in 'xyz':
-        rows[axis][gone] = 0
-    (answer,), made = answers([rows], {'chain': ['sor'], 'mask': mask, 'missing': 'drop'})
-    assert (made.statistics.dropped, made.statistics.invalid) == (33, 33)
-    assert answer.cleaned.width + answer.outliers.width == len(rows) - 33
-    assert np.count_nonzero(structured(answer.outliers)['own']) == np.count_nonzero(rows['own'])
-
-
 def test_organised_clouds_keep_their_shape(mask: str) -> None:
     """Rows are rings where there is no such field; masked points become holes."""
     rows = turn(20).reshape(-1, 16).T.copy()

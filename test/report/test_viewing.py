@@ -14,11 +14,10 @@ import numpy as np
 import yaml
 from helpers import ROOT
 from helpers.detectors import BITS
-from helpers.nodes import flush, line, process
+from helpers.nodes import PLOTTED, flush, line, process
 
 from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
-from lidar_outlier_filter.ros.health import PLOTTED
 
 if TYPE_CHECKING:
     from helpers.nodes import Ros

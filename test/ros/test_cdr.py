@@ -7,12 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.clouds import NAME, STORE, cloud, table
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.ros.endpoints import read_cloud
 
 PARTS = (
@@ -87,15 +85,3 @@ def test_what_rclpy_refuses(data: bytes) -> None:
     """A representation that nobody knows, or no message at all: the node goes on."""
     with pytest.raises(CloudError, match='must be a sensor_msgs/msg/PointCloud2, got other bytes'):
         read_cloud(data)
-
-
-def test_its_answers_can_be_sent() -> None:
-    """Cleaned and outliers are messages like any other."""
-    msg = example()
-    verdict = Verdict.untested(5)
-    verdict.rejected[2] = True
-    expected = split(msg, verdict)
-    for answer, other in zip(
-        split(read_cloud(serialize_message(msg)), verdict), expected, strict=True
-    ):
-        assert_equal(deserialize_message(serialize_message(answer), PointCloud2), other)

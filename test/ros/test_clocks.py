@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from helpers.clouds import SECOND, STAMP
-from helpers.live import PATIENCE
 from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -106,14 +105,6 @@ def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
     assert tally.ages == pytest.approx([0.75 - 0.137], abs=1e-6)
 
 
-def test_without_simulated_time_real_time_counts(ros: Ros) -> None:
-    """Whatever somebody says on /clock."""
-    player = Player(ros, '-p', 'max_delay:=0.3', simulated=False)
-    player.send(0.0)
-    while not player.answered():
-        ros.executor.spin_once(0.05)
-
-
 def test_back_to_the_beginning(ros: Ros) -> None:
     """A recording that loops: what waits is answered, the stream begins anew; counted once."""
     player = Player(ros, '-p', 'max_delay:=5.0')
@@ -142,16 +133,6 @@ def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
     assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
     player.send(0.2)
     assert player.answered() == 3
-
-
-def test_the_clock_alone_goes_back(ros: Ros) -> None:
-    """What waits is answered before a cloud shows it, and the stream begins anew."""
-    player = Player(ros, '-p', 'max_delay:=60.0')
-    player.set(10.0)
-    player.send(10.0)
-    assert player.answered() == 0
-    player.set(0.0)
-    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
 
 
 def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
@@ -209,21 +190,6 @@ def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
     assert player.node.channels[0].statistics.resets == 2
 
 
-def test_a_jump_ahead(ros: Ros) -> None:
-    """What waits is answered: it has waited too long; what comes is another segment."""
-    player = Player(ros, '-p', 'max_delay:=0.5')
-    player.set(0.0)
-    player.send(0.0)
-    player.set(1000.0)
-    player.set(1000.001)
-    assert player.answered() == 1
-    player.send(1000.0)
-    player.send(1000.2)
-    assert player.answered() == 2
-    assert player.node.channels[0].statistics.rejected == {'alpha_beta_gamma': 2}
-    assert player.node.channels[0].statistics.resets == 0
-
-
 def test_the_clock_ends(ros: Ros) -> None:
     """At the end of a recording nothing can come any more: all is answered, and the node warns."""
     player = Player(ros, '-p', 'max_delay:=5.0')
@@ -247,25 +213,6 @@ def test_another_clock(ros: Ros, *, simulated: bool) -> None:
     assert player.node.channels[0]._clock.is_simulated != simulated
     player.send(0.3)
     assert player.answered() == 1
-
-
-@pytest.mark.parametrize('simulated', [False, True])
-def test_clouds_that_wait_while_the_clock_changes(ros: Ros, *, simulated: bool) -> None:
-    """They were received when it was changed, by the new one."""
-    player = Player(ros, '-p', 'max_delay:=60.0', simulated=simulated)
-    if simulated:
-        player.set(0.0)
-    channel = player.node.channels[0]
-    go_on = hold_up(player.node)
-    player.sensor.publish(line(0.0), expected=10**9)
-    while not channel.worker.inbox.clouds:
-        ros.executor.spin_once(0.05)
-    item = channel.worker.inbox._items[0]
-    assert isinstance(item, Received)
-    player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
-    assert 0 <= channel._clock.now() - item.at < PATIENCE * SECOND
-    go_on.set()
-    wait_for_thread(player.node)
 
 
 class Watched:
@@ -313,24 +260,4 @@ def test_each_change_of_the_clock_is_noticed(ros: Ros) -> None:
     watched.clock.stop()
     watched.set(9 * SECOND)
     assert watched.take_calls() == []
-    watched.node.destroy_node()
-
-
-def test_which_clock_counts(ros: Ros) -> None:
-    """That of /clock under use_sim_time, while somebody publishes it; else one nobody sets."""
-    watched = Watched(ros, simulated=False)
-    clock = watched.clock
-    steady = [clock.steady_now(), clock.now(), clock.steady_now()]
-    assert steady == sorted(steady)
-    assert abs(clock.ros_now() - time.time_ns()) < 100 * SECOND
-    ros.client.destroy_publisher(watched.publisher)
-    while watched.node.count_publishers('/clock'):
-        ros.executor.spin_once(0.05)
-    stopped = [clock.has_stopped]
-    watched.node.set_parameters([Parameter('use_sim_time', value=True)])
-    stopped.append(clock.has_stopped)
-    watched.publisher = ros.client.create_publisher(Clock, '/clock', 10)
-    watched.set(7 * SECOND)
-    assert (clock.now(), clock.ros_now()) == (7 * SECOND, 7 * SECOND)
-    assert [*stopped, clock.has_stopped] == [False, True, False]
     watched.node.destroy_node()

@@ -13,19 +13,27 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.clouds import SECOND
 from helpers.live import PATIENCE
-from helpers.nodes import Ros, Sensor, broken, flush, process, wait_for_thread
+from helpers.nodes import (
+    PLOTTED,
+    Ros,
+    Sensor,
+    broken,
+    flush,
+    line,
+    process,
+    receive,
+    wait_for_thread,
+)
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.pipeline.visibility import VIEWED
-from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+from lidar_outlier_filter.ros.health import ERROR, OK, WARN
 
 if TYPE_CHECKING:
     from helpers.nodes import Diagnosis
-
-    from lidar_outlier_filter.ros.health import Report
 
 
 def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> None:
@@ -78,29 +86,6 @@ def test_once_in_a_second(ros: Ros) -> None:
     assert received[-2][0].message.startswith('no cloud for ')
 
 
-def test_rates_are_of_the_time_since_the_last_look(ros: Ros) -> None:
-    """However long that is."""
-    node = ros.filter()
-    node.start()
-    diagnostics, channel = node._diagnostics, node.channels[0]
-    diagnostics._timer.cancel()
-    found: list[float] = []
-    look = channel.look
-
-    def note(seconds: float) -> Report:
-        found.append(seconds)
-        return look(seconds)
-
-    channel.look = note  # type: ignore[method-assign]
-    began = time.monotonic()
-    diagnostics._last = diagnostics._steady.now().nanoseconds - 4 * SECOND
-    diagnostics._look()
-    diagnostics._look()
-    elapsed = time.monotonic() - began
-    assert 4 <= found[0] <= 4 + elapsed
-    assert 0 < found[1] <= elapsed
-
-
 def test_diagnostics_say_how_the_default_judges(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Blocks are counted by the way in which they were judged."""
     node = ros.filter('-p', 'max_delay:=0.5')
@@ -143,7 +128,7 @@ def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
         return 'disabled: clouds pass unfiltered' in found.message
 
     assert ros.diagnosis(is_disabled).level == WARN
-    node.channels[0].receiver.take(sweeps[0])
+    receive(node.channels[0], sweeps[0])
     assert ros.diagnosis(lambda found: found['messages'] == 1)['unfiltered for disabled'] == 1
     ros.call(SetBool, 'enable', SetBool.Request(data=True))
     assert ros.diagnosis(lambda found: not is_disabled(found)).level == OK
@@ -182,25 +167,6 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert taken(sweeps[3]) == [(True, False)]
 
 
-def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Whether or not somebody wants the outliers."""
-    node = ros.filter('-p', 'max_delay:=600.0')
-    expected = [ans for msg in sweeps for ans in process(node, msg)] + flush(node)
-    node.start()
-    cleaned: list[PointCloud2] = []
-    topic = node.channels[0].publisher.cleaned.topic_name
-    ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.channels[0].publisher.cleaned.get_subscription_count():
-        ros.executor.spin_once(0.05)
-    for msg in sweeps:
-        node.channels[0].receiver.take(msg)
-    wait_for_thread(node)
-    node.finish()
-    while len(cleaned) < len(sweeps):
-        ros.executor.spin_once(0.05)
-    assert cleaned == [answer.cleaned for answer in expected]
-
-
 def test_what_a_sensor_sees(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Shares by sector and range have a topic of their own, and stand in the diagnostics."""
     node = ros.filter()
@@ -222,3 +188,16 @@ def test_what_a_sensor_sees(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert math.isnan(values['visibility'])
     shares = [value for name, value in values.items() if name.startswith('rejected')]
     assert 0 <= np.nanmin(shares) <= np.nanmax(shares) <= 1
+
+
+def test_the_size_that_a_refused_cloud_claims(ros: Ros) -> None:
+    """Points are counted by the bytes that came."""
+    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]')
+    node.start()
+    node._diagnostics._timer.cancel()
+    msg = line(0.0)
+    msg.height = msg.width = 2**31
+    receive(node.channels[0], msg)
+    wait_for_thread(node)
+    assert node.channels[0].statistics.refused == 1
+    assert node.channels[0].look(1.0).values['points/s'] == '100'

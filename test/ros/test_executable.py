@@ -30,7 +30,6 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter import __version__
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
@@ -114,32 +113,6 @@ def test_live_equals_replay(
             assert deserialize_message(received, PointCloud2) == cloud
 
 
-@pytest.mark.slow
-def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) -> None:
-    """What it had sent is answered, and what it sends when it is back, at whatever time."""
-    env = environment()
-    names = ('vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp16_mrpt_mcap')
-    topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
-    with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
-        collecting.wait_for('matched')
-        node.wait_for('filters')
-        for name in names:
-            with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
-                publishing.send('go')
-                publishing.wait_for('published')
-                publishing.signal(signal.SIGKILL)
-        node.signal(signal.SIGTERM)
-        assert node.wait() == 0
-        collecting.close()
-        assert collecting.wait() == 0
-    expected = [answer for name in names for answer in direct_answers(recordings / 'bags' / name)]
-    for kind in ANSWERS:
-        assert len(list(tmp_path.glob(f'{kind}_*.cdr'))) == len(expected)
-    for index, answer in enumerate(expected):
-        received = (tmp_path / f'outliers_{index}.cdr').read_bytes()
-        assert deserialize_message(received, PointCloud2) == answer.outliers
-
-
 def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> None:
     """With the profile of config/, clouds of 6 MB arrive without being repeated."""
     env = environment()
@@ -205,22 +178,6 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
         node.signal(signal.SIGINT)
         assert node.wait() == 0
     assert len(node.output) == 1
-
-
-@pytest.mark.slow
-def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
-    """Without a single cloud the node says that it is ready, and goes as quietly."""
-    env = environment()
-    with (
-        collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
-        Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node,
-    ):
-        collecting.wait_for('matched')
-        ready = node.wait_for('is ready')
-        node.signal(signal.SIGINT)
-        assert node.wait() == 0
-    assert node.output[-1] == ready
-    assert f'version {__version__} is ready: inputs /points; chain boosted_trees; ' in ready
 
 
 # A detector whose kernel takes days.

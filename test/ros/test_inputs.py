@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 from helpers.live import PATIENCE
-from helpers.nodes import Ros, Sensor, broken, line
+from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.health import PLOTTED
+from lidar_outlier_filter.ros.health import WARN
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
@@ -67,27 +67,10 @@ def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
     thread = node.channels[0].worker._thread
     assert thread is not None
     thread.join(PATIENCE)
-    node.channels[1].receiver.take(line(0.0))
+    receive(node.channels[1], line(0.0))
     with pytest.raises(ZeroDivisionError):
         node.finish()
     assert node.channels[1].statistics.messages == 1
-
-
-def test_all_are_closed_before_one_is_waited_for(ros: Ros) -> None:
-    """While one judges its last clouds, no queue of another runs over."""
-    node = ros.filter(parameters=BOTH)
-    node.start()
-    first, second = node.channels
-    closed: list[bool] = []
-    join = first.worker.join
-
-    def look_and_join() -> None:
-        closed.append(second.worker.inbox.closed)
-        join()
-
-    first.worker.join = look_and_join  # type: ignore[method-assign]
-    node.finish()
-    assert closed[0]
 
 
 def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]) -> None:
@@ -96,10 +79,10 @@ def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]
     node.start()
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
     for channel in node.channels:
-        channel.receiver.take(sweeps[0])
+        receive(channel, sweeps[0])
     ros.call(SetBool, 'enable', SetBool.Request(data=False))
     for channel in node.channels:
-        channel.receiver.take(sweeps[1])
+        receive(channel, sweeps[1])
     node.finish()
     for channel in node.channels:
         assert channel.statistics.outliers == 0
@@ -110,7 +93,7 @@ def test_each_is_told_of(ros: Ros) -> None:
     """A status, and a row of the table, for each."""
     node = ros.filter(parameters=BOTH)
     node.start()
-    node.channels[1].receiver.take(line(0.0))
+    receive(node.channels[1], line(0.0))
 
     def is_known(table: Float64MultiArray) -> bool:
         return table.data[len(PLOTTED)] > 0  # type: ignore[no-any-return]
@@ -149,3 +132,22 @@ def test_a_topic_given_by_the_caller_is_the_only_one(ros: Ros) -> None:
     """As in a replay, whatever the parameter file says."""
     node = ros.filter(input_topic='/top', parameters=BOTH)
     assert [channel.resolved for channel in node.channels] == ['/top']
+
+
+def test_two_nodes_on_one_input(ros: Ros) -> None:
+    """They would publish on the same topics: the diagnostics warn of it."""
+    for _ in range(2):
+        ros.filter('-p', 'chain:=[alpha_beta_gamma]').start()
+    sentence = '2 publishers on /points/cleaned: another node has the same outputs'
+    assert ros.diagnosis(lambda found: sentence in found.message).level >= WARN
+
+
+def test_overrides_for_topics_of_nobody(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """The quality of service follows the remapped topic; a key for another is warned of."""
+    wrong = 'qos_overrides./points.subscription.reliability'
+    right = wrong.replace('/points', '/velodyne_points')
+    for name in (wrong, right):
+        node = ros.filter('-r', 'points:=/velodyne_points', '-p', f'{name}:=reliable')
+        node.start()
+        warned = f'{wrong} has no effect: no such topic or setting; did you mean {right}?'
+        assert (warned in capfd.readouterr().err) == (name == wrong)

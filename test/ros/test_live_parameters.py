@@ -35,16 +35,6 @@ def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None
     assert rejected(answers) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
 
 
-def test_max_delay_can_be_set(ros: Ros) -> None:
-    """How long a cloud may wait does not change what it waits for."""
-    node = ros.filter()
-    assert ros.set(max_delay=0.5) == ['']
-    assert node.filter_parameters.max_delay == 0.5
-    assert ros.set(max_delay=0.05) == [
-        'max_delay must be at least block + halo + lateness = 0.11 s, got 0.05 s'
-    ]
-
-
 def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
     """What ~/save_parameters writes serves as --params-file: a second node is like the first."""
     path = tmp_path / 'new folder' / 'saved.yaml'
@@ -113,17 +103,6 @@ def test_numbers_may_be_text(ros: Ros) -> None:
     )
     (reason,) = ros.set(sor__k='12.5')
     assert reason == "sor.k must be a whole number, got '12.5'"
-
-
-def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
-    """The caller is said why nothing was saved; nothing is left behind."""
-    (tmp_path / 'folder').mkdir()
-    node = ros.filter('-p', f'save_to:={tmp_path}/folder')
-    node.start()
-    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
-    assert not answer.success
-    assert answer.message.startswith('the parameters were not saved: ')
-    assert [path.name for path in tmp_path.iterdir()] == ['folder']
 
 
 @pytest.mark.parametrize('name', ['~nosuch/x', '/', '..', 'x' * 300])

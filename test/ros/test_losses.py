@@ -13,42 +13,46 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.pipeline.statistics import CountsByReason, Statistics
-from lidar_outlier_filter.ros.health import LOSS_PERIOD, Health, Loss, LossWarning
+from lidar_outlier_filter.ros.health import (
+    DEGRADED,
+    DROPPED,
+    LOSS_PERIOD,
+    LOST,
+    PASSED,
+    WITHOUT_POSE,
+    Health,
+    LossWarning,
+)
 
 SEEN = st.tuples(
     st.floats(0, 2 * LOSS_PERIOD),
-    st.sampled_from([Loss.DROPPED, Loss.ON_THE_WAY]),
+    st.sampled_from([DROPPED, LOST]),
     st.integers(0, 3),
 )
 
 
 def test_the_first_loss_is_warned_of_at_once() -> None:
     """With the policy, which says why; nothing lost is nothing said."""
-    warning = LossWarning()
-    assert warning.look({Loss.DROPPED: 0, Loss.ON_THE_WAY: 0}, 'drop_oldest', 1.0) == ''
-    assert warning.look({Loss.DROPPED: 3, Loss.ON_THE_WAY: 1}, 'drop_oldest', 1.0) == (
+    warning = LossWarning('advice')
+    assert warning.look({DROPPED: 0, LOST: 0}, 'drop_oldest', 1.0) == ''
+    assert warning.look({DROPPED: 3, LOST: 1}, 'drop_oldest', 1.0) == (
         'clouds not filtered as asked since the last warning: 3 dropped, 1 lost on the way '
-        '(load.policy is drop_oldest)'
+        '(load.policy is drop_oldest); advice'
     )
 
 
-def test_the_policy_is_named_where_it_matters() -> None:
-    """Not for clouds that the middleware has lost."""
-    assert 'load.policy' not in LossWarning().look({Loss.ON_THE_WAY: 1}, 'shed', 1.0)
-
-
 @given(st.lists(SEEN))
-def test_bounded_and_complete(seen: list[tuple[float, Loss, int]]) -> None:
+def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
     """Warnings are apart by the period at least, and their sum is all that was lost."""
-    warning, lost, said = LossWarning(), Counter[Loss](), Counter[Loss]()
+    warning, lost, said = LossWarning(), Counter[str](), Counter[str]()
     time, times = 0.0, []
-    for seconds, what, count in [*seen, (math.inf, Loss.DROPPED, 0)]:
+    for seconds, what, count in [*seen, (math.inf, DROPPED, 0)]:
         lost[what] += count
         time += seconds
         text = warning.look(lost, 'drop_oldest', seconds)
         if text:
             times.append(time)
-            said += Counter({Loss(what): int(count) for count, what in _counts(text)})
+            said += Counter({what: int(count) for count, what in _counts(text)})
     assert said == +lost
     gaps = [after - before for before, after in pairwise(times)]
     assert all(gap >= LOSS_PERIOD or math.isclose(gap, LOSS_PERIOD) for gap in gaps)
@@ -67,9 +71,17 @@ def test_what_counts() -> None:
     refused = CountsByReason({'point_step': 100})
     health.counted(Statistics(bypassed=passed, degraded=5, without_pose=6, refusals=refused))
     assert health.losses() == {
-        Loss.ON_THE_WAY: 1,
-        Loss.DROPPED: 2,
-        Loss.PASSED: 7,
-        Loss.SHED: 5,
-        Loss.UNMOVED: 6,
+        LOST: 1,
+        DROPPED: 2,
+        PASSED: 7,
+        DEGRADED: 5,
+        WITHOUT_POSE: 6,
     }
+
+
+def test_losses_on_the_way_come_with_advice() -> None:
+    """The log names the file that helps, as /diagnostics does."""
+    warning = LossWarning(Health().advice)
+    assert warning.look({LOST: 1}, 'shed', 1.0).endswith(
+        '1 lost on the way; for large clouds set config/fastdds_large_clouds.xml for both sides'
+    )

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
 
+import pytest
 from helpers.live import Program, environment
 from helpers.nodes import Ros, Sensor, line, wait_for_kernels
 from lifecycle_msgs.msg import State, Transition
@@ -14,9 +14,6 @@ from lifecycle_msgs.srv import ChangeState, GetState
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.node import ManagedFilterNode
-
-if TYPE_CHECKING:
-    import pytest
 
 ANSWERS = {'/points/cleaned', '/points/outliers'}
 
@@ -149,3 +146,12 @@ def test_the_executable() -> None:
         node.signal(signal.SIGINT)
         assert node.wait() == 0
     assert len(node.output) == 1
+
+
+@pytest.mark.parametrize('transition', [3, 4, 99])
+def test_a_transition_that_the_state_lacks(ros: Ros, transition: int) -> None:
+    """It is refused, and the node serves on."""
+    _, manager = make(ros)
+    assert not manager.change(transition)
+    assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert manager.change(Transition.TRANSITION_CONFIGURE)

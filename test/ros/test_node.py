@@ -4,17 +4,13 @@
 
 from __future__ import annotations
 
-import array
 import re
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
-import rclpy
 from helpers.clouds import SECOND
-from helpers.live import PATIENCE, clouds
 from helpers.nodes import (
     NO_CLOUD,
     Ros,
@@ -27,9 +23,6 @@ from helpers.nodes import (
     wait_for_kernels,
     wait_for_thread,
 )
-from rclpy.context import Context
-from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.kernels.threads import cores
@@ -38,7 +31,7 @@ from lidar_outlier_filter.ros import node as node_module
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from sensor_msgs.msg import PointCloud2
 
 # The default rejects next to nothing of a clean recording.
 STRICT = {'boosted_trees.threshold': 0.5}
@@ -89,14 +82,6 @@ def test_impossible_topics(ros: Ros, topic: str) -> None:
         remappings(topic)
     with pytest.raises(ParameterError, match='input_topic must be'):
         ros.filter(input_topic=topic)
-
-
-def test_subscribes_when_started_only(ros: Ros) -> None:
-    """A replay calls the node directly and receives nothing of what is on the topics."""
-    node = ros.filter()
-    assert '/points' not in [item.topic_name for item in node.subscriptions]
-    node.start()
-    assert '/points' in [item.topic_name for item in node.subscriptions]
 
 
 @pytest.mark.parametrize(
@@ -154,19 +139,6 @@ def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert node.channels[0].statistics.refusals == {'point_step': 1}
 
 
-def test_says_once_how_the_default_judges(
-    ros: Ros, sweeps: list[PointCloud2], capfd: pytest.CaptureFixture[str]
-) -> None:
-    """One line, however many clouds come; every block is counted."""
-    node = ros.filter()
-    for msg in sweeps:
-        process(node, msg)
-    flush(node)
-    assert capfd.readouterr().err.count('judged by trees on the scan pattern') == 1
-    ((way, blocks),) = node.channels[0].statistics.ways.items()
-    assert (way, blocks >= len(sweeps)) == ('trees on the scan pattern', True)
-
-
 def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     """A sensor that sends nonsense at 20 Hz does not fill the log."""
     node = ros.filter()
@@ -176,26 +148,6 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
     said = capfd.readouterr().err
     assert said.count('refused a cloud') == 1
     assert 'refused a cloud (1 so far): point_step must be at least 4, the end of field' in said
-
-
-def test_answers_are_messages_that_publish_fast(ros: Ros, recordings: Path) -> None:
-    """Answers are PointCloud2, with data that ROS copies as a whole: 6 MB in a few ms, not 1 s."""
-    node = ros.filter()
-    stored = clouds(recordings / 'bags' / 'os1_128_db3')
-    process(node, deserialize_message(stored[0], PointCloud2))
-    (answer,) = flush(node)
-    for msg in (answer.cleaned, answer.outliers):
-        assert type(msg) is PointCloud2
-        assert isinstance(msg.data, array.array)
-        assert msg.data.typecode == 'B'
-        assert len(msg.data) == msg.row_step == msg.width * msg.point_step
-        assert deserialize_message(serialize_message(msg), PointCloud2) == msg
-    seconds = []
-    for _ in range(5):
-        begin = time.perf_counter()
-        node.channels[0].publisher.cleaned.publish(answer.cleaned)
-        seconds.append(time.perf_counter() - begin)
-    assert min(seconds) < 0.1
 
 
 # Live
@@ -269,45 +221,6 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     assert sensor.cleaned == [answer.cleaned for answer in expected]
     assert sensor.outliers == [answer.outliers for answer in expected]
     assert sum(rejected(expected)) > 50
-
-
-def test_two_filters_in_one_process(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Each has its own topics, parameters, stream and counts."""
-    chain = {'chain': ['alpha_beta_gamma']}
-    strict = ros.filter(input_topic='/left/points', namespace='left', parameters=chain)
-    loose = ros.filter(
-        input_topic='/right/points',
-        namespace='right',
-        parameters={**chain, 'alpha_beta_gamma.sigma': 100.0},
-    )
-    sensors = [Sensor(ros, '/left/points'), Sensor(ros, '/right/points')]
-    for node, sensor in zip((strict, loose), sensors, strict=True):
-        node.start()
-        sensor.wait_for_filter(node)
-    for number, msg in enumerate(sweeps[:3], 1):
-        for sensor in sensors:
-            sensor.publish(msg, expected=number)
-    for sensor in sensors:
-        sensor.wait_for_answers()
-    assert strict.channels[0].statistics.outliers > 500
-    assert loose.channels[0].statistics.outliers == 0
-    assert [msg.width for msg in sensors[1].cleaned] == [msg.width for msg in sweeps[:3]]
-    assert [msg.width for msg in sensors[0].outliers] > [0, 0, 0]
-
-
-def test_a_context_of_its_own_that_ends(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Where ROS is shut down from outside, serving ends without an error."""
-    context = Context()
-    rclpy.init(args=[], context=context, domain_id=ros.context.get_domain_id())
-    node = OutlierFilterNode(context=context)
-    node.start()
-    process(node, sweeps[0])
-    with ThreadPoolExecutor(1) as pool:
-        serving = pool.submit(node_module._serve, node, threading.Event())
-        Sensor(ros, '/points').wait_for_filter(node)
-        context.shutdown()
-        serving.result(PATIENCE)
-    assert not rclpy.ok()
 
 
 def test_no_executor_serves_a_node_that_is_destroyed(

@@ -6,18 +6,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.node_values import values
-from helpers.nodes import Ros, flush, line, process, rejected
+from helpers.nodes import Ros, flush, process, rejected
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import describe
-from lidar_outlier_filter.parameters.yaml_files import write_yaml
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,19 +73,6 @@ def test_a_parameter_is_effective_for_the_next_clouds(ros: Ros, sweeps: list[Poi
     after = [answer for msg in sweeps[2:] for answer in process(node, msg)] + flush(node)
     assert len(before) + len(after) == 4
     assert rejected(after)[-2:] == [0, 0]
-
-
-def test_a_cloud_that_waits_keeps_its_form(ros: Ros) -> None:
-    """Scores that are asked for while a cloud waits are for those after it."""
-    node = ros.filter()
-    assert process(node, line(0.0), 'before') == []
-    assert ros.set(scores=True) == ['']
-    answers = process(node, line(0.2), 'after') + flush(node)
-    with_scores = {
-        answer.tag: 'outlier_score' in [item.name for item in answer.cleaned.fields]
-        for answer in answers
-    }
-    assert with_scores == {'before': False, 'after': True}
 
 
 @pytest.mark.parametrize(
@@ -155,16 +140,6 @@ def test_all_or_nothing(ros: Ros) -> None:
     assert values(node) == before | changed
 
 
-def test_one_by_one_each_stands_alone(ros: Ros) -> None:
-    """Set one by one, what is right is taken though another is refused."""
-    node = ros.filter(parameters=LINEAR)
-    before = values(node)
-    reasons = ros.set(gap_factor=2.0, alpha_beta_gamma__order=2, alpha_beta_gamma__before=4)
-    assert [bool(reason) for reason in reasons] == [False, True, False]
-    changed = {'gap_factor': 2.0, 'alpha_beta_gamma.before': 4}
-    assert values(node) == before | changed
-
-
 def test_set_from_within(ros: Ros) -> None:
     """A process that holds the node sets its parameters by the same rules."""
     node = ros.filter(parameters=LINEAR)
@@ -184,25 +159,6 @@ def test_a_whole_number_serves_for_a_float(ros: Ros) -> None:
     assert values(node)['gap_factor'] == 2.0
 
 
-@pytest.mark.slow
-def test_ranges_have_no_steps(ros: Ros) -> None:
-    """From 1e-15 to 0.5: both ends are allowed, and what is between."""
-    ros.filter()
-    asked: list[Parameter] = []
-    for item in describe():
-        if item.fixed or item.high is None or item.name.startswith(('max_delay', 'health.')):
-            continue  # others than its range limit the delay, and the limits each other
-        if isinstance(item.default, float):
-            middle = float(np.sqrt(max(item.low or 0, 1e-9) * item.high))
-            tried = (item.low, item.high, middle, item.default)
-            asked += [Parameter(item.name, value=value) for value in tried]
-    # One request, of which the node sets one after the other.
-    results = ros.wait(ros.parameters().set_parameters(asked)).results
-    refused = [(one.name, result.reason) for one, result in zip(asked, results, strict=True)]
-    assert asked
-    assert [one for one in refused if one[1]] == []
-
-
 # Parameter files
 
 
@@ -211,13 +167,6 @@ def test_the_files_of_config_load(ros: Ros, path: Path) -> None:
     """Every file that the package ships is one for --params-file."""
     node = ros.filter('--params-file', str(path))
     assert node.has_parameter('block')
-
-
-def test_written_defaults_load(ros: Ros, tmp_path: Path) -> None:
-    """The defaults as text are the defaults."""
-    path = tmp_path / 'defaults.yaml'
-    path.write_text(write_yaml(), encoding='utf-8')
-    assert values(ros.filter('--params-file', str(path))) == values(ros.filter())
 
 
 FILE = """

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.neighbour_clouds import corner, scattered, sheet
-from naive import lof as naive
 from rosbags.highlevel import AnyReader
 from sklearn.neighbors import LocalOutlierFactor
 
@@ -97,17 +96,6 @@ def test_lof_of_small_clouds(recordings: Path, k: int) -> None:
     clouds.append(las(recordings / 'clouds' / 'autzen-point-format-3.las'))
     for xyz in clouds:
         assert differences(xyz, k).max() < 1e-6
-
-
-def test_lof_of_a_sweep_full_of_twins(recordings: Path) -> None:
-    """Where half of all points are there twice, and nearly all have ties, the twin knows."""
-    xyz = first_sweep(recordings / 'bags' / 'cloudini_lidar_link_mcap')
-    assert len(np.unique(xyz, axis=0)) < 0.6 * len(xyz)
-    around = np.argsort(np.linalg.norm(xyz - xyz[len(xyz) // 2], axis=1), kind='stable')[:400]
-    expected = naive.local_outlier_factors(xyz[around].tolist(), 20)
-    np.testing.assert_allclose(local_outlier_factors(xyz[around], 20), expected, rtol=1e-12)
-    theirs = -LocalOutlierFactor(n_neighbors=20).fit(xyz[around]).negative_outlier_factor_
-    np.testing.assert_allclose(theirs, expected, rtol=0.2)
 
 
 def kept(xyz: Floats, parameters: Sor) -> int:

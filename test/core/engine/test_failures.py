@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
-from helpers.nodes import Ros, Sensor, line, wait_for_thread
+from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
 from helpers.replays import check_answers, content, write_drive
 from helpers.replays import cloud as sweep
 from helpers.streams import (
@@ -287,7 +287,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
     for begin, policy in ((0.0, 'drop_oldest'), (0.1, 'pass_through'), (0.2, 'shed')):
         assert ros.set(load__policy=policy) == ['']
         for msg in (far(begin), line(begin + 0.01)):
-            channel.receiver.take(msg)
+            receive(channel, msg)
         wait_for_thread(node)
     assert node.channels[0].statistics.refusals == {'the judging of a block': 2}
     assert node.channels[0].statistics.bypassed == {'failure': 1}

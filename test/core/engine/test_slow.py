@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.clouds import STAMP
-from helpers.nodes import Ros, line
+from helpers.nodes import Ros, line, receive
 from helpers.replays import cloud as sweep
 from helpers.replays import content, write_drive
 
@@ -149,7 +149,7 @@ def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]
     longest = {'health.delay_warn': 1000.0}
     node = ros.filter(parameters={**VALUES, 'max_delay': 0.05, **longest})
     node.start()
-    node.channels[0].receiver.take(line(0))
+    receive(node.channels[0], line(0))
     sentence = SENTENCE.replace('0.01', '0.5')
     found = ros.diagnosis(lambda found: sentence in found.message)
     assert found.level >= 1  # an error where the cloud has waited too long, besides
