@@ -240,7 +240,7 @@ def test_chain_and_parameters() -> None:
 
 XYZ = floor(100)
 T, LINE = np.arange(100), np.zeros(100, int)
-TABLE = np.zeros(9, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+TABLE = np.ones(9, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
 MASKED = np.ma.MaskedArray(XYZ)
 LACKS = 'chain must be without alpha_beta_gamma, as the cloud has no '
 BY_LINES: dict[str, Any] = {'chain': ['alpha_beta_gamma', 'lof']}
