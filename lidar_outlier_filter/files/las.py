@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """LAS and LAZ files, through laspy and lazrs.
 
-laspy rewrites parts of the header and of the records: it drops text behind the first zero, sets
-legacy counts to 0, and writes GeoTIFF keys anew. Copies get the original bytes back.
+laspy rewrites parts of the header and the GeoTIFF keys. Copies get the original bytes back.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError, said_by
 from lidar_outlier_filter.files import unpack_laz
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.las_header import (
     LONGEST,
     USER,
@@ -34,7 +33,6 @@ from lidar_outlier_filter.files.las_header import (
     check_scaling,
     crs_name,
     metres_per_unit,
-    number,
     read_records,
 )
 
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import Change
-    from lidar_outlier_filter.files.las_header import LasRecord
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
@@ -109,6 +106,7 @@ class LasFile(CloudFile):
 
     @property
     def _system(self) -> dict[int, bytes]:
+        """The records of the coordinate system, by number."""
         known = [*self._records, *self._evlrs]
         return {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER}
 
@@ -172,17 +170,10 @@ class LasFile(CloudFile):
             if evlrs:
                 writer.write_evlrs(VLRList(evlrs))
             writer.close()
-            self._restore(stream, writer.header, records, evlrs, change)
+            self._restore(stream, writer.header, change)
 
-    def _restore(
-        self,
-        stream: BinaryIO,
-        header: Any,
-        records: Sequence[LasRecord],
-        evlrs: Sequence[LasRecord],
-        change: Change,
-    ) -> None:
-        """Put back the bytes that laspy rewrote."""
+    def _restore(self, stream: BinaryIO, header: Any, change: Change) -> None:
+        """Put back the bytes of the header that laspy rewrote."""
         with self.path.open('rb') as source:
             before = source.read(LONGEST)
         parts = {_IDENTITY.start: before[_IDENTITY]}
@@ -195,14 +186,6 @@ class LasFile(CloudFile):
         for offset, data in parts.items():
             stream.seek(offset)
             stream.write(data)
-        for offset, some in (
-            (number(before, 94, 2), records),
-            (header.start_of_first_evlr, evlrs),
-        ):
-            stream.seek(offset)
-            for record in some:
-                stream.write(record.head)
-                stream.write(record.record_data_bytes())
 
 
 def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:
@@ -245,22 +228,16 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
                 if rows or process.wait() == 0:
                     return
             said.seek(0)
-            raise _refusal(path, count, process.wait(), said.read().decode(errors='replace'))
+            raise _refusal(path, process.wait(), said.read().decode(errors='replace'))
         finally:
             process.kill()
 
 
-def _refusal(path: Path, count: int, status: int, said: str) -> CloudError:
+def _refusal(path: Path, status: int, said: str) -> CloudError:
     """Say what ended the process that unpacks."""
+    text = said.rpartition('\n')[2]
     if status < 0:
-        got = f'"the library for LAZ ended by {signal.Signals(-status).name}"'
-        return CloudError(f'the file {path}', 'readable', got)
-    text = said.rpartition(unpack_laz.ERROR)[2]
-    if text.startswith(unpack_laz.COUNT):
-        try:
-            check_count(path, count, int(text.removeprefix(unpack_laz.COUNT)))
-        except CloudError as err:
-            return err
+        text = f'the library for LAZ ended by {signal.Signals(-status).name}'
     return CloudError(f'the file {path}', 'readable', said_by(RuntimeError(text)))
 
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, BinaryIO
 
+from laspy import VLR
 from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
@@ -33,36 +33,16 @@ _EVLR = struct.Struct('<H16sHQ32s')
 _MOST = 2**31  # units that a coordinate may have
 
 USER = 'LASF_Projection'
-KEYS, DOUBLES, WKT = 34735, 34736, 2112  # numbers of records
+KEYS, WKT = 34735, 2112  # numbers of records
 MODEL, ANGLES = 1024, 2  # key: the kind of the coordinates, and its value for degrees
 PLANE, UP = 3072, 4096  # keys: EPSG numbers of the system of x and y, and of that of z
-HORIZONTAL, SIZE, VERTICAL = 3076, 3077, 4099  # keys: unit of x and y, its own size, unit of z
+HORIZONTAL, VERTICAL = 3076, 4099  # keys: unit of x and y, unit of z
 OWN = 32767  # not a number of EPSG: other keys say what it is
 
 Units = tuple[float | None, float | None]  # metres per unit of the plane, and of heights
 
 
-@dataclass(frozen=True)
-class LasRecord:
-    """A (extended) variable length record, byte for byte; laspy can write it."""
-
-    path: Path
-    user_id: str
-    record_id: int
-    head: bytes
-    offset: int
-    size: int
-
-    description = ''
-
-    def record_data_bytes(self) -> bytes:
-        """Read the content."""
-        with self.path.open('rb') as stream:
-            stream.seek(self.offset)
-            return stream.read(self.size)
-
-
-def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
+def read_records(path: Path) -> tuple[list[VLR], list[VLR]]:
     """List the records before and behind the points; refuse those that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
@@ -84,7 +64,7 @@ def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
 
 def _chain(
     stream: BinaryIO, path: Path, layout: struct.Struct, offsets: tuple[int, int], count: int
-) -> list[LasRecord]:
+) -> list[VLR]:
     """List records; refuse them if they do not all lie between two offsets (bytes)."""
     offset, end = offsets
     check_fits(path, 'the number of records', count, layout.size, end - offset)
@@ -92,12 +72,11 @@ def _chain(
     for _ in range(count):
         check_offset(path, 'a record', offset, 0, end - layout.size)
         stream.seek(offset)
-        head = stream.read(layout.size)
-        _, user, name, length, _ = layout.unpack(head)
+        _, user, name, length, about = layout.unpack(stream.read(layout.size))
         offset += layout.size
         check_fits(path, 'the bytes in a record', length, 1, end - offset)
-        text = user.split(b'\0')[0].decode('latin-1')
-        records.append(LasRecord(path, text, name, head, offset, length))
+        text = user.split(b'\0')[0].decode('ascii', 'replace')
+        records.append(VLR(text, name, about.rstrip(b'\0'), stream.read(length)))
         offset += length
     return records
 
@@ -160,7 +139,7 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
 
 def crs_name(records: Mapping[int, bytes], path: Path) -> str:
     """Name the coordinate system; empty where the records name none that PROJ knows."""
-    _, codes, _ = _keys(records)
+    codes = _keys(records)
     try:
         if text := _wkt_text(records):
             return _system(text, path).name
@@ -171,30 +150,21 @@ def crs_name(records: Mapping[int, bytes], path: Path) -> str:
     return ''
 
 
-def _keys(
-    records: Mapping[int, bytes],
-) -> tuple[dict[int, tuple[int, ...]], dict[int, int], tuple[float, ...]]:
-    """Read the GeoTIFF keys: rows, values of those that hold theirs, and the doubles of others."""
-    data, doubles = records.get(KEYS, b''), records.get(DOUBLES, b'')
-    numbers = struct.unpack(f'<{len(data) // 2}H', data[: len(data) // 2 * 2])
-    keys = {numbers[i]: numbers[i : i + 4] for i in range(4, len(numbers) - 3, 4)}
-    codes = {key: row[3] for key, row in keys.items() if row[1] == 0}
-    return keys, codes, struct.unpack(f'<{len(doubles) // 8}d', doubles[: len(doubles) // 8 * 8])
+def _keys(records: Mapping[int, bytes]) -> dict[int, int]:
+    """Read those GeoTIFF keys that hold their value themselves."""
+    data = records.get(KEYS, b'')
+    rows = [struct.unpack_from('<4H', data, at) for at in range(8, len(data) - 7, 8)]
+    return {key: value for key, place, _, value in rows if place == 0}
 
 
 def _of_keys(records: Mapping[int, bytes], path: Path) -> Units:
-    keys, codes, sizes = _keys(records)
+    codes = _keys(records)
 
     def unit(key: int) -> float | None:
-        if key not in codes:
-            return None
-        own = keys.get(SIZE)
-        if codes[key] == OWN and own is not None and own[1] == DOUBLES and own[3] < len(sizes):
-            return float(sizes[own[3]])
-        if codes[key] not in _metres_by_code():
+        if key in codes and codes[key] not in _metres_by_code():
             must_be = 'a length that EPSG knows, or clean --unit given'
             raise CloudError(f'the unit of {path}, key {key}', must_be, codes[key])
-        return _metres_by_code()[codes[key]]
+        return _metres_by_code().get(codes.get(key, 0))
 
     plane, up = unit(HORIZONTAL), unit(VERTICAL)
     if plane is None and codes.get(PLANE, OWN) != OWN:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import compute, parquet, types
+from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 LARGEST = 2**30  # bytes of a row group
 OF_A_ROW = 2**10  # bytes: a group of so many rows may be larger
 ROWS_OF_A_BYTE = 1000  # that a file may have: of grids that are flat and even there are 200
-_ROWS = 65_536  # rows measured at once
+_ROWS = 512  # rows measured at once
 _TEXT = 'BYTE_ARRAY'
 _WIDTHS = {'BOOLEAN': 1, 'INT32': 4, 'INT64': 8, 'INT96': 12, 'FLOAT': 4, 'DOUBLE': 8, _TEXT: 4}
 
@@ -49,7 +49,6 @@ class ParquetFile(CloudFile):
             self._schema = file.schema_arrow
             self._count = _count_rows(path, file.metadata)
             check_groups(path, file)
-            self._texts = texts(file)
         check_names(path, self._schema.names)
         self.columns: Mapping[str, np.dtype[Any]] = {
             # With a time zone or without, a time is a number of nanoseconds.
@@ -81,12 +80,11 @@ class ParquetFile(CloudFile):
         with (
             self.path.open('rb') as stream,
             parquet.ParquetFile(stream) as file,
-            parquet.ParquetFile(stream, read_dictionary=self._texts) as unexpanded,
             path.open('wb') as target,
             parquet.ParquetWriter(target, schema, **_properties(file)) as writer,
         ):
             for group in range(file.num_row_groups):
-                check_texts(self.path, unexpanded, group)
+                check_texts(self.path, file, group)
                 table = file.read_row_group(group)
                 part = slice(done, done + len(table))
                 for name, values in change.added.items():
@@ -145,27 +143,16 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> None:
 
 
 def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
-    """Refuse a row group whose texts, and other values of any length, become too large.
-
-    Parameters
-    ----------
-    path : of the file
-    file : opened with :func:`texts` as dictionaries, so that one that is repeated is held once
-    number : of the row group
-
-    """
-    rows = file.metadata.row_group(number).num_rows
-    total = 0
-    for name in texts(file):
-        for batch in file.iter_batches(_ROWS, row_groups=[number], columns=[name]):
-            total += sum(_unpacked(column) for column in batch.columns)
-            _check(path, number, rows, total)
-
-
-def texts(file: parquet.ParquetFile) -> list[str]:
-    """List the columns of values of any length, those within others too."""
+    """Refuse a row group whose texts, and other values of any length, become too large."""
+    rows, total = file.metadata.row_group(number).num_rows, 0
     columns = [file.schema.column(index) for index in range(len(file.schema.names))]
-    return [column.path for column in columns if column.physical_type == _TEXT]
+    texts = [column.path for column in columns if column.physical_type == _TEXT]
+    # Few at once: one that is repeated may be as long as the file.
+    for batch in file.iter_batches(_ROWS, row_groups=[number], columns=texts) if texts else ():
+        # The values of a dictionary are held once.
+        held = (c.indices if pa.types.is_dictionary(c.type) else c for c in batch.columns)
+        total += sum(column.nbytes for column in held)
+        _check(path, number, rows, total)
 
 
 def _check(path: Path, number: int, rows: int, total: int) -> None:
@@ -173,17 +160,3 @@ def _check(path: Path, number: int, rows: int, total: int) -> None:
     if total > most:
         what = f'the bytes that row group {number} of {path} unpacks to'
         raise CloudError(what, f'at most {most}', f'{total} or more')
-
-
-def _unpacked(column: Any) -> int:
-    """Count the bytes of values that are held once each, if each were written out."""
-    if types.is_dictionary(column.type):
-        lengths = compute.binary_length(column.dictionary).to_numpy(zero_copy_only=False)
-        indices = column.indices.drop_null().to_numpy()
-        counts = np.bincount(indices, minlength=len(lengths))
-        return int(counts @ np.nan_to_num(lengths).astype(np.int64))
-    if types.is_struct(column.type):
-        return sum(_unpacked(child) for child in column.flatten())
-    if types.is_nested(column.type):
-        return _unpacked(column.flatten())
-    return int(column.nbytes)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import Change
 
 VERDICT = '_verdict'  # behind the name of the table
-ROW_IDS = ('rowid', 'oid', '_rowid_')  # SQLite's names for it, where no column has them
+ROW_ID = 'rowid'
 _STORED = {0, 3}  # how SQLite marks columns that stand in a row, and computed ones that do
 _SHOWN = 40  # letters of a value that is none
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
@@ -50,7 +50,9 @@ class SqliteFile(CloudFile):
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
             # What is computed when it is read, by what the file says, is not read.
             stored = [column for column in about if column[-1] in _STORED]
-            self._row_id = _row_id(self.table, [column[1] for column in about])
+            if ROW_ID in {column[1].lower() for column in about}:
+                must_be = f'without {ROW_ID}, which SQLite numbers the rows by'
+                raise CloudError(f'the columns of table {self.table!r}', must_be, ROW_ID)
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
             wanted = ', '.join(_quoted(column[1]) for column in stored)
@@ -90,7 +92,7 @@ class SqliteFile(CloudFile):
     def _select(self, database: sqlite3.Connection, wanted: str, limit: str = '') -> sqlite3.Cursor:
         """Select columns in the order of the row ids."""
         return database.execute(
-            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {self._row_id} {limit}'  # noqa: S608  quoted
+            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {ROW_ID} {limit}'  # noqa: S608  quoted
         )
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
@@ -113,7 +115,7 @@ class SqliteFile(CloudFile):
             done = 0
             with target:
                 target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
-                ids = self._select(source, self._row_id)
+                ids = self._select(source, ROW_ID)
                 while rows := ids.fetchmany(CHUNK):
                     part = slice(done, done + len(rows))
                     added = [values[part].tolist() for values in change.added.values()]
@@ -138,16 +140,6 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
         must_be = f'without {wanted + VERDICT}, which is to be made'
         raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
     return wanted
-
-
-def _row_id(table: str, columns: Sequence[str]) -> str:
-    """Find a name of the row id that no column has."""
-    taken = {name.lower() for name in columns}
-    free = [name for name in ROW_IDS if name not in taken]
-    if not free:
-        must_be = f'without one of {", ".join(ROW_IDS)}, which SQLite numbers the rows by'
-        raise CloudError(f'the columns of table {table!r}', must_be, ', '.join(columns))
-    return free[0]
 
 
 def _column(values: Sequence[float | None]) -> NDArray[Any]:

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-ERROR = 'error: '  # before the sentence, which is the last thing on stderr
-COUNT = 'points: '  # in the place of a sentence: how many there are
 MEMORY = 2**31  # bytes
 VARIABLE = 2**32 - 1  # the size of chunks that differ
 LAYERED = 3  # compressor
@@ -28,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
 
     The arguments are the folder of the library, the file, the record of LASzip in hexadecimals; the
     offset of the points, what to unpack, the size and the count of points, and how many to unpack
-    at once; 0: none.
+    at once; 0: none. The last line on stderr says what is wrong.
     """
     library, path, record = arguments[:3]
     begin, selection, size, count, rows = (int(word) for word in arguments[3:])
@@ -41,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
         with open(path, 'rb') as source:  # noqa: PTH123  pathlib takes longer to import
             found = _count(source, lazrs, laszip, begin, size, count)
             if found != count:
-                sys.stderr.write(f'\n{ERROR}{COUNT}{found}')
+                sys.stderr.write(f'\n{found} points instead of {count}')
                 return 1
             if not rows:
                 return 0
@@ -59,7 +57,8 @@ def main(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # the reader has stopped
         return 1
     except BaseException as err:  # noqa: BLE001  a panic of the library is no Exception
-        sys.stderr.write(f'\n{ERROR}{err}')
+        text = ' '.join(str(err).split())
+        sys.stderr.write(f'\n{text}')
         return 1
     return 0
 

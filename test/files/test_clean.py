@@ -202,20 +202,6 @@ def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) 
     assert outlier.sum() > fewest
 
 
-def test_the_smoother_is_refused_without_lines(folder: Path, capsys: Capture) -> None:
-    """Asked for where there are no lines, it is refused, with what is missing."""
-    before = names(folder)
-    for name, lack in (
-        ('source.ply', 'no column with the time of each point'),
-        ('plane.laz', 'no column that says its scan lines'),
-    ):
-        path = folder / name
-        assert main(['clean', str(path), '--chain', 'sor,alpha_beta_gamma']) == 1
-        chain = f'chain must be without alpha_beta_gamma, as {path} has {lack}'
-        assert capsys.readouterr().err == f'{chain}, got sor, alpha_beta_gamma\n'
-    assert names(folder) == before
-
-
 # Tables
 
 
@@ -270,24 +256,6 @@ def test_a_database_is_marked_only(tmp_path: Path, capsys: Capture) -> None:
     }
 
 
-def test_csv(tmp_path: Path) -> None:
-    """A table of text: missing coordinates are no points, and are kept as they are."""
-    path = tmp_path / 'points.csv'
-    rng = np.random.default_rng(5)
-    lines = [f'{x:.3f};{y:.3f};"a; b"' for x, y in rng.random((300, 2))]
-    lines[10], lines[20] = '50;50;far', ';7;none'
-    path.write_text('East;North;what\n' + '\n'.join(lines) + '\n')
-    out = tmp_path / 'out.csv'
-    options = ['--columns', 'East,North', '--outliers', str(out), '--set', 'sor.multiplier=9.0']
-    assert main(['clean', str(path), *options]) == 0
-    assert out.read_text() == 'East;North;what\n50;50;far\n'
-    assert (tmp_path / 'points_cleaned.csv').read_text() == path.read_text().replace(
-        '50;50;far\n', ''
-    )
-    log = json.loads((tmp_path / 'points_cleaned.csv.json').read_text())
-    assert (log['points'], log['invalid'], log['rejected']) == (300, 1, 1)
-
-
 # Tiles
 
 
@@ -307,16 +275,6 @@ def test_tiles_change_nothing(folder: Path, name: str) -> None:
     one, *others = (output.read_bytes() for output in outputs)
     assert all(other == one for other in others)
     assert not [name for name in names(folder) if name.startswith('.')]
-
-
-@pytest.mark.slow
-def test_tiles_along_lines(folder: Path) -> None:
-    """The smoother, too, says the same in tiles."""
-    path = folder / f'{SWEEP}.pcd'
-    for name, tile in (('one.pcd', '0'), ('other.pcd', '5')):
-        options = ['--chain', 'alpha_beta_gamma,sor', '--tile', tile]
-        assert main(['clean', str(path), *options, '--output', str(folder / name)]) == 0
-    assert (folder / 'one.pcd').read_bytes() == (folder / 'other.pcd').read_bytes()
 
 
 def test_tiles_by_the_default(folder: Path) -> None:
@@ -362,21 +320,6 @@ def test_log(folder: Path) -> None:
     assert {'python', 'numpy', 'numba', 'python-neo-lzf'} <= set(log['versions'])
 
 
-def test_table(folder: Path, capsys: Capture) -> None:
-    """A row for each file."""
-    files = [str(folder / 'bun0.pcd'), str(folder / 'source.ply')]
-    assert main(['clean', *files, '--chain', 'sor']) == 0
-    first, second = rows(capsys.readouterr().out)
-    assert (first['file'], first['points']) == ('bun0.pcd', '397')
-    assert (second['file'], second['points'], second['invalid']) == (
-        'source.ply',
-        '69,792',
-        '5,107',
-    )
-    assert first['rejected'] != '0'
-    assert (first['state'], second['state']) == ('done', 'done')
-
-
 def test_one_file_needs_no_archive(tmp_path: Path) -> None:
     """A single file is cleaned without a module of the archive."""
     path = tmp_path / 'few.csv'
@@ -387,16 +330,6 @@ def test_one_file_needs_no_archive(tmp_path: Path) -> None:
     command = [sys.executable, '-c', code, 'clean', str(path), '--chain', 'sor']
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == '3'
-
-
-def test_seconds_of_one_file(folder: Path, capsys: Capture) -> None:
-    """The table says how long a single file took, as it does of several."""
-    path = folder / 'source.ply'
-    assert main(['clean', str(path), '--chain', 'sor']) == 0
-    (row,) = rows(capsys.readouterr().out)
-    took = json.loads((folder / 'source_cleaned.ply.json').read_text())['seconds']
-    # The table has one decimal.
-    assert float(row['seconds']) >= max(round(sum(took.values()) - 0.05, 1), 0.1)
 
 
 # Refusals

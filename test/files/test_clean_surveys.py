@@ -229,14 +229,6 @@ def test_refused(cloud: Path, options: list[str], sentence: str, capsys: Capture
     assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
 
 
-def test_classes_of_a_file_without(tmp_path: Path, capsys: Capture) -> None:
-    """Only LAS has classes."""
-    path = tmp_path / 'a.csv'
-    path.write_text('x,y,z\n' + '1,2,3\n' * 20)
-    assert main(['clean', str(path), '--keep-classes', '2']) == 1
-    assert f'the classes of {path} must be in the file' in capsys.readouterr().err
-
-
 def test_spared_points() -> None:
     """Of some points those that are rejected become untested; all else of a verdict stays."""
     verdict = Verdict.untested(4)

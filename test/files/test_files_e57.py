@@ -79,14 +79,6 @@ def test_angles(tmp_path: Path) -> None:
     np.testing.assert_allclose(z, [0, np.nan, 3], rtol=0, atol=1e-12)
 
 
-def test_angles_beside_one_coordinate(tmp_path: Path) -> None:
-    """One cartesian field alone is no position: the spherical ones, which are whole, are read."""
-    names = ('sphericalRange', 'sphericalAzimuth', 'sphericalElevation', 'cartesianX')
-    scan = {name: np.array([1.0, 2.0]) * (name == names[0]) for name in names}
-    x, *_ = columns(write_e57(tmp_path / 'one.e57', [scan]))
-    assert x.tolist() == [1.0, 2.0]
-
-
 def test_copy_is_ply(tmp_path: Path) -> None:
     """With every column that is read, those of the verdict, and without what is left out."""
     path = write(tmp_path / 'two.e57')

@@ -57,13 +57,6 @@ def test_keys() -> None:
     assert metres_per_unit(dict([up]), HERE, wkt=False) == {'z': FOOT}
 
 
-def test_a_unit_by_its_size() -> None:
-    """A unit of one's own is given by a number in another record."""
-    own = keys((3076, 0, 1, 32767), (3077, 34736, 1, 1))
-    doubles = (34736, struct.pack('<2d', 7.0, 0.5))
-    assert metres_per_unit(dict([own, doubles]), HERE, wkt=False) == dict.fromkeys('xyz', 0.5)
-
-
 @pytest.mark.parametrize(
     'records',
     [
@@ -167,22 +160,6 @@ def test_deviations_have_the_unit_of_the_coordinates(tmp_path: Path) -> None:
     np.testing.assert_allclose(loaded.points.sigma, [0.005])
 
 
-@pytest.mark.parametrize('name', ['autzen_trim.laz', 'autzen-point-format-3.las'])
-def test_real_files_in_feet(recordings: Path, name: str) -> None:
-    """What is loaded are metres; the columns stay in feet."""
-    path = recordings / 'clouds' / name
-    file = open_cloud(path)
-    assert file.metres == dict.fromkeys('xyz', FOOT)
-    loaded = points.load(file, ('x', 'y', 'z'), FilterParameters(), timed=False)
-    np.testing.assert_array_equal(loaded.points.xyz, laspy.read(path).xyz * FOOT)
-
-
-@pytest.mark.parametrize('name', ['plane.laz', 'sample_lareunion_epsg2975.laz', 'bun0.pcd'])
-def test_real_files_in_metres(recordings: Path, name: str) -> None:
-    """Nothing is changed."""
-    assert open_cloud(recordings / 'clouds' / name).metres == {}
-
-
 def test_limits_are_in_metres(
     recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -212,13 +189,6 @@ def test_a_unit_that_the_user_gives(tmp_path: Path) -> None:
         out = tmp_path / f'{unit}.csv'
         assert main(['clean', str(path), *options, '--unit', unit, '--output', str(out)]) == 0
         assert json.loads(out.with_name(f'{unit}.csv.json').read_text())['rejected'] == rejected
-
-
-def test_every_unit_is_offered(capsys: pytest.CaptureFixture[str]) -> None:
-    """The command knows the same units as what judges files."""
-    with pytest.raises(SystemExit):
-        main(['clean', '--help'])
-    assert f'--unit {{{",".join(UNITS)}}}' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_a_unit_counts_more_than_the_file(tmp_path: Path) -> None:
