@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from lidar_outlier_filter.core.engine.slow import SlowDetector
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.pipeline.motion import PoseSource
 
@@ -138,6 +139,7 @@ class Pipeline:
         tag: Any = None,
         *,
         stamp: int | np.integer[Any] | None = None,
+        bypassed: str = '',
     ) -> list[SplitCloud]:
         """Filter the next cloud; return the clouds that it completes, oldest first.
 
@@ -149,6 +151,8 @@ class Pipeline:
             Is returned with the split cloud.
         stamp : int, optional
             Time that the times of an array count from, nanoseconds. Absolute times need none.
+        bypassed : str, optional
+            The reason why the cloud is not filtered: in its turn, all its points are cleaned.
 
         Raises
         ------
@@ -157,12 +161,23 @@ class Pipeline:
             returns the clouds that it completes all the same.
 
         """
-        msg = self._as_message(cloud, stamp)
-        self.statistics.degraded += self._is_degraded and self.has_line_detectors
-        with self._counted_refusals(self._decoder.undo):
+        with self._counted_refusals():
+            msg = as_message(cloud, stamp)
+        self.statistics.degraded += self._is_degraded and self.has_line_detectors and not bypassed
+        with self._counted_refusals(tuple if bypassed else self._decoder.undo):
             # Decode: position, time and scan line of each point.
-            points = self._decoder.decode(msg)
-            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag)))
+            points = self._without_points(msg) if bypassed else self._decoder.decode(msg)
+            frame = str(msg.header.frame_id) if self._is_moving else ''
+            entered = self._enter(
+                _PendingCloud(
+                    points,
+                    frame=frame,
+                    msg=msg,
+                    tag=tag,
+                    parameters=self._parameters,
+                    bypassed=bypassed,
+                )
+            )
             # Move: each point to the fixed frame, once the pose at its own time is known.
             for moved in self._queue.ready():
                 # Blocks: each complete one goes, with its halo, through the chain of detectors.
@@ -171,24 +186,6 @@ class Pipeline:
         finished = self._take_finished()
         # Split: cleaned and outliers, every point in one of them, byte for byte.
         return self._split(finished)
-
-    def pass_through(self, cloud: Any, reason: str, tag: Any = None) -> list[SplitCloud]:
-        """Return a cloud unfiltered, in its turn: all its points are cleaned.
-
-        Raises
-        ------
-        CloudError
-            If the cloud cannot be split. It is counted, and the next cloud is accepted.
-
-        """
-        msg = self._as_message(cloud)
-        with self._counted_refusals():
-            view = self._decoder.view(msg)
-            points = missing(0 if view is None else view.size)
-            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag), bypassed=reason))
-            for moved in self._queue.ready():
-                self._judge(moved, entered)
-        return self._split(self._take_finished())
 
     def advance(self) -> list[SplitCloud]:
         """Return the clouds that new poses, or a refused cloud, have completed."""
@@ -301,9 +298,9 @@ class Pipeline:
 
     # Steps ----------------------------------------------------------------------------------------
 
-    def _layout(self, msg: Any, tag: Any) -> dict[str, Any]:
-        frame = str(msg.header.frame_id) if self._is_moving else ''
-        return {'frame': frame, 'msg': msg, 'tag': tag, 'parameters': self._parameters}
+    def _without_points(self, msg: Any) -> Points:
+        view = self._decoder.view(msg)
+        return missing(0 if view is None else view.size)
 
     def _enter(self, cloud: _PendingCloud) -> _PendingCloud:
         """Let a cloud wait for its poses."""
@@ -383,10 +380,6 @@ class Pipeline:
         return SplitCloud(as_given(cleaned), as_given(outliers), cloud.tag)
 
     # Counts and reports ---------------------------------------------------------------------------
-
-    def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
-        with self._counted_refusals():
-            return as_message(cloud, stamp)
 
     @contextmanager
     def _counted_refusals(self, undo: Callable[[], object] = tuple) -> Iterator[None]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 from array import array
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,23 +84,21 @@ class TunableNode(Node):  # type: ignore[misc]
                 got = shown(item.name) + did_you_mean([item.name], (one.name for one in describe()))
                 err = ParameterError('a parameter', must_be, got)
                 return SetParametersResult(successful=False, reason=str(err))
-        given = [_as_declared(item) for item in parameter_list]
-        given = [item for item in given if not self._is_read_only_as_it_is(item)]
+        given = [item for item in _as_declared(parameter_list) if not self._is_as_it_is(item)]
         result = self._check_parameters(given)
         if not result.successful or not given:
             return result
         return super().set_parameters_atomically(given)
 
-    def _is_read_only_as_it_is(self, item: RosParameter) -> bool:
-        """Return whether a parameter cannot be changed, and would not be."""
-        if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
-            return False
-        return bool(_plain(self.get_parameter(item.name).value) == _plain(item.value))
+    def _is_as_it_is(self, item: RosParameter) -> bool:
+        """Return whether a read-only parameter is given the value that it has."""
+        is_same: bool = _plain(self.get_parameter(item.name).value) == _plain(item.value)
+        return is_same and bool(self.describe_parameter(item.name).read_only)
 
     def _watch_parameters(self, apply: Callable[[FilterParameters], object]) -> None:
         """Check what is set from now on, and hand what passes to ``apply``."""
         self._apply = apply
-        self.add_pre_set_parameters_callback(_with_floats)
+        self.add_pre_set_parameters_callback(_as_declared)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
 
@@ -268,30 +267,18 @@ def _plain(value: object) -> object:
     return list(value) if isinstance(value, tuple | list | array) else value
 
 
-def _as_declared(item: RosParameter) -> RosParameter:
-    """Read a number from text where a number is declared; leave anything else as it is."""
-    default = {one.name: one.default for one in describe()}.get(item.name)
-    if item.type_ is not RosParameter.Type.STRING or isinstance(default, bool):
-        return item
-    try:
-        if isinstance(default, float):
-            return RosParameter(item.name, value=float(item.value))
-        if isinstance(default, int):
-            return RosParameter(item.name, value=int(item.value))
-    except ValueError:
-        return item
-    return item
-
-
-def _with_floats(parameters: list[RosParameter]) -> list[RosParameter]:
-    """Let a whole number stand for a float, as in a file."""
-    floats = {item.name for item in describe() if isinstance(item.default, float)}
-    return [
-        RosParameter(item.name, value=float(item.value))
-        if item.name in floats and item.type_ is RosParameter.Type.INTEGER
-        else item
-        for item in parameters
-    ]
+def _as_declared(parameters: Iterable[RosParameter]) -> list[RosParameter]:
+    """Read numbers from text, and let whole numbers stand for floats, where these are declared."""
+    kinds = {item.name: type(item.default) for item in describe()}
+    accepted = {RosParameter.Type.STRING, RosParameter.Type.INTEGER}
+    result = []
+    for item in parameters:
+        kind, converted = kinds.get(item.name), item
+        if kind in {int, float} and item.type_ in accepted:
+            with suppress(ValueError):
+                converted = RosParameter(item.name, value=kind(item.value))
+        result.append(converted)
+    return result
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

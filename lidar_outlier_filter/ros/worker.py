@@ -269,9 +269,7 @@ class Worker:
         if self._thread is not None:
             self._filter.requested_outputs = self._publisher.requested
         try:
-            if passed:
-                return self._filter.pass_through(msg, passed, tag)
-            return self._filter.process(msg, tag)
+            return self._filter.process(msg, tag, bypassed=passed)
         except CloudError as err:
             self._filter.refuse(err)
             return self._filter.advance()

@@ -166,7 +166,7 @@ def test_pass_by() -> None:
     """An array that is not to be filtered comes back whole."""
     rows = odd_rows(50)
     clean = Pipeline(FilterParameters().changed({'chain': ['lof']}))
-    (answer,) = clean.pass_through(rows, 'too much') + clean.flush()
+    (answer,) = clean.process(rows, bypassed='too much') + clean.flush()
     assert_partition(rows, answer)
     assert answer.outliers.size == 0
 

@@ -201,23 +201,6 @@ def test_a_gap_decides_for_each_point(lines: int) -> None:
     assert np.count_nonzero(found != expected) == 0
 
 
-def test_empty_and_missing_clouds_keep_their_turn() -> None:
-    """Clouds without a valid point need no poses; they do not overtake."""
-    drive = Drive(0.2)
-    first, second = drive.clouds(drive.own)
-    empty = drive.clouds(np.zeros((len(drive.t), 3)))[0]
-    moving = Moving()
-    for msg in (first, empty, second):
-        assert moving.filter.process(msg, msg) == []
-    answers: list[SplitCloud] = []
-    for msg in drive.odometry():
-        moving.motion.take(msg)
-        answers += moving.filter.advance()
-    answers += moving.filter.flush()
-    assert [answer.tag for answer in answers] == [first, empty, second]
-    assert answers[1].outliers.width == 0
-
-
 def test_bounded() -> None:
     """What waits for poses is held, too: not more than max_points."""
     drive = Drive(1.0)
@@ -324,16 +307,6 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     assert moving.filter.statistics.without_pose == 0
     assert positions == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
     assert moving.filter.statistics.resets == 1
-
-
-def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
-    """And no longer: by one nanosecond more it goes on without poses."""
-    for later, waits in ((0, True), (1, False)):
-        moving = Moving({'max_delay': 0.45, 'block': 0.01, 'halo': 0.0})
-        for stamp in (0, 450_000_000 + later):
-            rows = table(1, ring=('u2', 1), t=('u4', 0))
-            moving.filter.process(cloud(rows, STAMP + stamp), stamp)
-        assert moving.filter.statistics.without_pose == (0 if waits else 1)
 
 
 def test_tf_needs_its_messages(ros: Ros) -> None:

@@ -8,14 +8,12 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-import rclpy
 from helpers.clouds import SECOND, STAMP
 from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from lidar_outlier_filter.ros.backlog import Received
-from lidar_outlier_filter.ros.worker import DelayClock
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
@@ -213,51 +211,3 @@ def test_another_clock(ros: Ros, *, simulated: bool) -> None:
     assert player.node.channels[0]._clock.is_simulated != simulated
     player.send(0.3)
     assert player.answered() == 1
-
-
-class Watched:
-    """A clock without a filter, and what it has called back."""
-
-    def __init__(self, ros: Ros, *, simulated: bool) -> None:
-        self.ros = ros
-        given = [Parameter('use_sim_time', value=simulated)]
-        self.node = rclpy.create_node('watched', context=ros.context, parameter_overrides=given)
-        ros.executor.add_node(self.node)
-        self.publisher: Publisher = ros.client.create_publisher(Clock, '/clock', 10)
-        self.clock = DelayClock(self.node)
-        self.calls: list[str] = []
-        add = self.calls.append
-        self.clock.watch(lambda: add('on'), lambda: add('back'), lambda: add('changed'))
-
-    def set(self, now: int) -> None:
-        """Publish the time, nanoseconds, and serve until the node has it."""
-        while not self.publisher.get_subscription_count():
-            self.ros.executor.spin_once(0.05)
-        msg = Clock()
-        msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
-        self.publisher.publish(msg)
-        while self.clock.ros_now() != now:
-            self.ros.executor.spin_once(0.05)
-
-    def take_calls(self) -> list[str]:
-        """Return what was called back since this was asked last."""
-        calls, self.calls[:] = list(self.calls), []
-        return calls
-
-
-def test_each_change_of_the_clock_is_noticed(ros: Ros) -> None:
-    """By a nanosecond and by an hour, forth and back; the first time is another clock."""
-    watched = Watched(ros, simulated=True)
-    watched.take_calls()
-    found = []
-    for now in (5 * SECOND, 5 * SECOND + 1, 5 * SECOND, 3605 * SECOND, 5 * SECOND):
-        watched.set(now)
-        found.append(watched.take_calls())
-    assert found == [['changed'], ['on'], ['back'], ['on'], ['back']]
-    for simulated in (False, True):
-        watched.node.set_parameters([Parameter('use_sim_time', value=simulated)])
-        assert watched.take_calls() == ['changed']
-    watched.clock.stop()
-    watched.set(9 * SECOND)
-    assert watched.take_calls() == []
-    watched.node.destroy_node()

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 import rclpy
-from helpers import TESTS
 from helpers.live import (
     ARRIVAL,
     Program,
@@ -24,17 +23,15 @@ from helpers.live import (
     publisher,
 )
 from helpers.nodes import flush, process
-from helpers.strangers import write_installed
 from helpers.watching import fresh_copy
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 TOPIC = '/velodyne_points'
@@ -181,72 +178,7 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
 
 
 # A detector whose kernel takes days.
-ENDLESS = """
-from dataclasses import dataclass
-from lidar_outlier_filter.core.detectors.declaration import Detector
-from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.parameters.declaration import Section, declare
-import numpy as np
-
-@kernel
-def spin(count):
-    total = 0.0
-    for i in range(count):
-        total += np.sqrt(total + i)
-    return total
-
-def detect(seen, parameters):
-    is_mine = len(seen.points) == 7  # others compile it
-    if is_mine:
-        spin(0)
-        print('computing', flush=True)
-    return Scores(np.full(len(seen.points), spin(10**17 * is_mine)))
-
-@dataclass(frozen=True)
-class Endless(Section):
-    limit: float = declare(1.0, 'Nothing.', '', 0.5, 2.0)
-
-DETECTOR = Detector('endless', 128, Endless, detect, rejects='is judged')
-"""
 # The node, and a sensor in the same process.
-BESIDE_A_SENSOR = """
-import sys
-from helpers.clouds import cloud, table
-from lidar_outlier_filter.ros.executable import main
-from sensor_msgs.msg import PointCloud2
-
-def attach(node):
-    publisher = node.create_publisher(PointCloud2, '/points', 10)
-    msg = cloud(table(7))
-    timer = node.create_timer(0.1, lambda: publisher.publish(msg))
-    finish = node.finish
-
-    def say_and_finish():
-        timer.cancel()
-        print('finishing', flush=True)
-        finish()
-
-    node.finish = say_and_finish
-
-sys.exit(main(attach=attach))
-"""
-
-
-@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
-def test_stopped_while_a_kernel_runs(tmp_path: Path, second: signal.Signals) -> None:
-    """The first signal lets it finish, which would take days; the second ends it at once."""
-    program = tmp_path / 'program.py'
-    program.write_text(BESIDE_A_SENSOR, encoding='utf-8')
-    found = write_installed(tmp_path / 'installed', 'endless', ENDLESS)
-    env = environment() | {'PYTHONPATH': os.pathsep.join([str(TESTS), found['PYTHONPATH']])}
-    words = ('-p', 'chain:=[endless]', '-p', 'blocks:=message')
-    with Program(program, '--ros-args', *words, env=env) as node:
-        node.wait_for('computing')
-        node.signal(signal.SIGINT)
-        node.wait_for('finishing')
-        node.signal(second)
-        assert node.wait() == -second
 
 
 @pytest.mark.parametrize(
@@ -287,3 +219,13 @@ def test_memory_is_kept_for_the_next_cloud() -> None:
     with Program('-c', script, env={}) as program:
         assert int(program.wait_for('')) < 1000  # of 10 000 pages
         assert program.wait() == 0
+
+
+def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
+    """Those of the middleware and a few for each core, whatever was compiled before."""
+    with filter_process(tmp_path, environment(), '/**: {ros__parameters: {}}') as node:
+        node.wait_for('is ready')
+        count = len(list(Path(f'/proc/{node._process.pid}/task').iterdir()))
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+    assert count <= 20 + 4 * cores()

@@ -206,25 +206,6 @@ def test_clouds_judged_without_poses() -> None:
     assert message == 'not filtered as asked: 1 judged without poses; 4 received or lost'
 
 
-def test_percentiles_are_values_of_those_given() -> None:
-    """Of 0 to 100 ms they are the 50th, the 95th and the last, whatever the order."""
-    health = Health()
-    for number in range(100, -1, -1):
-        health.answered(1e-3 * number, 2e-3 * number)
-        health.spent(3e-3 * number)
-    _, _, values, plotted = look(health)
-    for name, factor in (
-        ('delay since received', 1),
-        ('delay since stamp', 2),
-        ('processing time', 3),
-    ):
-        found = [float(values[f'{name}, {which}, ms']) for which in ('p50', 'p95', 'max')]
-        assert found == [50 * factor, 95 * factor, 100 * factor]
-    names = ('delay_p50', 'delay_p95', 'delay_max', 'age_p95', 'processing_p95')
-    expected = [0.05, 0.095, 0.1, 0.19, 0.285]
-    assert [plotted[name] for name in names] == pytest.approx(expected, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ('name', 'text', 'levels'),
     [
