@@ -94,11 +94,11 @@ def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
     header.scales, header.offsets = [0.001] * 3, [0.0] * 3
     data = laspy.LasData(header)
     xyz = np.random.default_rng(1).uniform((5.0, -1.0, 0.0), (9.0, 1.0, 0.1), (200, 3))
-    xyz[:3] = [2.0, 0.1, 0.0]
+    xyz[:3], xyz[3] = [2.0, 0.1, 0.0], 0.0
     data.x, data.y, data.z = xyz.T
     data.scanner_channel = np.zeros(200, np.uint8)
     data.classification = np.full(200, 2, np.uint8)
-    data.classification[:2] = [5, 6]
+    data.classification[:4] = [5, 6, 2, 5]
     path, mask = tmp_path / 'a.las', tmp_path / 'car.csv'
     data.write(path)
     mask.write_text(f'{HEAD}\n{NAMES}\n' + ''.join(f'0,{i},1.8,2.2\n' for i in range(20)))
@@ -106,9 +106,9 @@ def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
     parameters = FilterParameters().changed(settings)
     output = tmp_path / 'out.las'
     report = clean_file(path, output, parameters, CleanOptions(ignore=(5,), keep=(6,)))
-    assert laspy.read(output).classification[:3].tolist() == [5, 6, 7]
+    assert laspy.read(output).classification[:4].tolist() == [5, 6, 7, 5]
     assert report.rejected_by['mask'] == 1
-    assert (report.ignored, report.spared, report.invalid) == (1, 1, 0)
+    assert (report.ignored, report.spared, report.invalid) == (1, 1, 1)
 
 
 def test_scores(cloud: Path) -> None:

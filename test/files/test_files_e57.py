@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.cloud_files import VERDICT, columns, copied, every_third, verdict
 from helpers.e57_files import reworded, write_e57
+from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 COUNT = 50
 LITTLE = 10_000_000  # bytes
-HALF = np.sqrt(0.5)
+TURNED = (0.5, -0.1, 0.7, 0.5)  # a unit quaternion
 
 
 def cartesian(seed: int) -> dict[str, Any]:
@@ -36,28 +37,24 @@ def cartesian(seed: int) -> dict[str, Any]:
 
 
 def write(path: Path) -> Path:
-    """Write two scans; the second stands 10 m farther, and has turned to the left."""
-    poses = ((1.0, 0, 0, 0, 0, 0, 1), (HALF, 0, 0, HALF, 10, 0, 1))
+    """Write two scans; the second stands 10 m farther, and is turned about all axes."""
+    poses = ((1.0, 0, 0, 0, 0, 0, 1), (*TURNED, 10, 0, 1))
     return write_e57(path, [cartesian(1), cartesian(2)], poses)
 
 
 def test_scans_are_put_together(tmp_path: Path) -> None:
-    """Poses are applied; what has no return has no place; all else is as the file says."""
+    """Poses are applied; a missing return has no place; other columns are as in the file."""
     first, second = cartesian(1), cartesian(2)
     path = write(tmp_path / 'two.e57')
     names = ['x', 'y', 'z', 'intensity', 'red', 'green', 'blue', 'row', 'scan']
     assert list(open_cloud(path).columns) == names
     x, y, z, intensity, red, _, _, row, scan = columns(path)
-    missing = first['cartesianInvalidState'] != 0
-    of_first = first['cartesianX'], first['cartesianY'], first['cartesianZ'] + 1
-    of_second = 10 - second['cartesianY'], second['cartesianX'], second['cartesianZ'] + 1
-    for found, one, other in zip((x, y, z), of_first, of_second, strict=True):
-        np.testing.assert_allclose(
-            found[:COUNT], np.where(missing, np.nan, one), rtol=0, atol=1e-12
-        )
-        np.testing.assert_allclose(
-            found[COUNT:], np.where(missing, np.nan, other), rtol=0, atol=1e-12
-        )
+    w, *axis = TURNED
+    places = [np.stack([part[f'cartesian{one}'] for one in 'XYZ'], 1) for part in (first, second)]
+    expected = [places[0] + [0, 0, 1], Rotation.from_quat([*axis, w]).apply(places[1]) + [10, 0, 1]]
+    missing = np.tile(first['cartesianInvalidState'] != 0, 2)
+    expected = np.where(missing[:, None], np.nan, np.concatenate(expected))
+    np.testing.assert_allclose(np.stack((x, y, z), 1), expected, rtol=0, atol=1e-12)
     assert intensity[:COUNT].tolist() == first['intensity'].tolist()
     assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2
     assert row.tolist() == [*range(300, 300 + COUNT)] * 2
