@@ -63,11 +63,12 @@ def test_scans_are_put_together(tmp_path: Path) -> None:
 
 
 def test_angles(tmp_path: Path) -> None:
-    """Ranges and angles are coordinates, too."""
+    """Ranges and angles are coordinates, too, also beside one cartesian field alone."""
     scan = {
         'sphericalRange': np.array([2.0, 0.0, 3.0]),
         'sphericalAzimuth': np.array([np.pi / 2, 1, 0]),
         'sphericalElevation': np.array([0.0, 1, np.pi / 2]),
+        'cartesianX': np.zeros(3),
     }
     path = write_e57(tmp_path / 'one.e57', [scan])
     x, y, z, _ = columns(path)
