@@ -87,8 +87,8 @@ def choose_coordinates(file: CloudFile, requested: Sequence[str]) -> tuple[str, 
     lower = {name.lower(): name for name in reversed(list(file.columns))}
     has = f'the columns {", ".join(file.columns) or "none"}'
     if not requested and (lacks := [axis for axis in 'xyz' if axis not in lower]):
-        columns = '1,2,3, as it has no header,' if '1' in file.columns else 'X,Y,Z'
-        must_be = f'with the numbers x, y and z, or clean --columns {columns} given'
+        columns = '1,2,3 (it has no header)' if '1' in file.columns else 'X,Y,Z'
+        must_be = f'with numeric columns x, y and z, or read with --columns {columns}'
         raise CloudError(f'{file.path}', must_be, f'no numbers {" and ".join(lacks)} in {has}')
     names = tuple(requested) or tuple(lower[axis] for axis in 'xyz')
     for name in names:

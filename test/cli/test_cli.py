@@ -299,7 +299,7 @@ def here(drive: Path, recordings: Path, monkeypatch: pytest.MonkeyPatch) -> Path
         ('info drives', '; it is a folder of recordings, so name one: {} info drives/a'),
         ('replay strips', '; {} clean strips filters a folder of files'),
         ('info strips', '; it is a folder of files, so name one: {} info strips/a.laz'),
-        ('clean cloud.xyz', 'clean --columns 1,2,3, as it has no header, given'),
+        ('clean cloud.xyz', 'read with --columns 1,2,3 (it has no header)'),
         ('info nothing.laz', ', got none'),
         ('clean plane.laz --set chain=lof,sor', "as in chain=[lof,sor], got 'lof,sor'"),
     ],

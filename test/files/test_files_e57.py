@@ -51,9 +51,10 @@ def test_scans_are_put_together(tmp_path: Path) -> None:
     x, y, z, intensity, red, _, _, row, scan = columns(path)
     w, *axis = TURNED
     places = [np.stack([part[f'cartesian{one}'] for one in 'XYZ'], 1) for part in (first, second)]
-    expected = [places[0] + [0, 0, 1], Rotation.from_quat([*axis, w]).apply(places[1]) + [10, 0, 1]]
+    turned = Rotation.from_quat([*axis, w]).apply(places[1])
+    placed = np.concatenate((places[0] + np.array([0, 0, 1]), turned + np.array([10, 0, 1])))
     missing = np.tile(first['cartesianInvalidState'] != 0, 2)
-    expected = np.where(missing[:, None], np.nan, np.concatenate(expected))
+    expected = np.where(missing[:, None], np.nan, placed)
     np.testing.assert_allclose(np.stack((x, y, z), 1), expected, rtol=0, atol=1e-12)
     assert intensity[:COUNT].tolist() == first['intensity'].tolist()
     assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2

@@ -66,7 +66,7 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
         (
             'x,b,c',
             '',
-            'or clean --columns X,Y,Z given, got no numbers y and z in the columns',
+            'or read with --columns X,Y,Z, got no numbers y and z in the columns',
         ),
         ('x,y,c', '', 'got no numbers z in the columns x, y, c'),
         ('a,b,c', 'a', 'the coordinates must be two or three columns, got a'),
