@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.channel import Channel
 
 
+SAVED = '# Saved by ~/save_parameters, which replaces this file as long as this line is there.\n'
 NODE_TIMEOUT = 10.0  # seconds until a change that the node has not begun is withdrawn
 
 
@@ -155,6 +156,8 @@ class TunableNode(Node):  # type: ignore[misc]
         try:
             path = path.expanduser()
             _write_whole(path, write_yaml(self._parameters_now.flat()))
+        except ParameterError as err:
+            response.message = f'the parameters were not saved: {err}'
         # A home that nobody has is a RuntimeError, a name that no file can have a ValueError.
         except (OSError, RuntimeError, ValueError) as err:
             got = f'{shown(str(path))}: {said_by(err)}'
@@ -252,10 +255,16 @@ class NodeAccess:
 
 
 def _write_whole(path: Path, text: str) -> None:
-    """Write a file that is never seen half written."""
+    """Write a file that is never seen half written; replace only one that was written here."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    if os.path.lexists(path):
+        is_plain = not path.is_symlink() and (path.is_file() or path.is_dir())
+        begin = path.read_bytes()[: len(SAVED)] if is_plain else b''
+        if begin != SAVED.encode():
+            must_be = 'a new one, or one that was saved here'
+            raise ParameterError('the file', must_be, shown(str(path)))
     with replaced(path) as built:
-        built.write_text(text, encoding='utf-8')
+        built.write_text(SAVED + text, encoding='utf-8')
 
 
 def _to_ros(value: object) -> object:

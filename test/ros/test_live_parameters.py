@@ -48,34 +48,31 @@ def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
     assert values(again) == values(node)
 
 
-@pytest.mark.parametrize('namespace', ['', '/left/front'])
-def test_where_parameters_are_saved(
-    ros: Ros, namespace: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Without a file of their own they go where ROS keeps its files, under the node's full name."""
-    monkeypatch.setenv('ROS_HOME', str(tmp_path))
-    node = ros.filter(namespace=namespace)
-    node.start()
-    answer = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
-    name = {'': 'outlier_filter_node.yaml', '/left/front': 'left.front.outlier_filter_node.yaml'}
-    assert answer.message == str(tmp_path / name[namespace])
-    assert (tmp_path / name[namespace]).is_file()
-
-
 @pytest.mark.parametrize(
-    ('save_to', 'expected'),
-    [('', '.ros/outlier_filter_node.yaml'), ('~/two/folders/a.yaml', 'two/folders/a.yaml')],
+    ('namespace', 'ros_home', 'save_to', 'expected'),
+    [
+        ('', 'ros', '', 'ros/outlier_filter_node.yaml'),
+        ('/left/front', 'ros', '', 'ros/left.front.outlier_filter_node.yaml'),
+        ('', '', '', '.ros/outlier_filter_node.yaml'),
+        ('', 'ros', '~/two/folders/a.yaml', 'two/folders/a.yaml'),
+    ],
 )
-def test_home(
-    ros: Ros, save_to: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_where_parameters_are_saved(  # noqa: PLR0913
+    ros: Ros,
+    namespace: str,
+    ros_home: str,
+    save_to: str,
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A tilde is the home, also where ROS_HOME is empty; folders are made, or there already."""
+    """Without ``save_to`` where ROS keeps its files, by the node's name; folders are made."""
     monkeypatch.setenv('HOME', str(tmp_path))
-    monkeypatch.setenv('ROS_HOME', '')
-    node = ros.filter(parameters={'save_to': save_to})
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / ros_home) if ros_home else '')
+    node = ros.filter(namespace=namespace, parameters={'save_to': save_to})
     node.start()
     for _ in range(2):
-        answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+        answer = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
         assert (answer.success, answer.message) == (True, str(tmp_path / expected))
     assert (tmp_path / expected).is_file()
 
@@ -180,3 +177,24 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert node.channels[0].statistics.bypassed == {'disabled': 2}
     assert node.channels[0].statistics.messages == 4
     assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
+
+
+@pytest.mark.parametrize('kind', ['file', 'link', 'edited'])
+def test_a_file_of_somebody_else_is_kept(ros: Ros, tmp_path: Path, kind: str) -> None:
+    """Only a file that was saved before is replaced, and no symbolic link."""
+    saved, other = tmp_path / 'saved.yaml', tmp_path / 'other.yaml'
+    node = ros.filter('-p', f'save_to:={saved}')
+    node.start()
+    if kind == 'link':
+        assert ros.set(save_to=str(other)) == ['']
+        assert ros.call(Trigger, 'save_parameters', Trigger.Request()).success
+        saved.symlink_to(other)
+        assert ros.set(save_to=str(saved)) == ['']
+    else:
+        saved.write_text('notes: of mine\n' if kind == 'file' else '# mine\n/**:\n')
+    before = saved.read_text()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not answer.success
+    assert 'the file must be a new one, or one that was saved here, got' in answer.message
+    assert saved.read_text() == before
+    assert saved.is_symlink() == (kind == 'link')
