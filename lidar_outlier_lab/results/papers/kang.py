@@ -18,8 +18,8 @@ from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, count
 from lidar_outlier_lab.results.papers.methods import METHODS
+from lidar_outlier_lab.results.papers.panels import Panel, draw, view
 from lidar_outlier_lab.results.papers.published import KANG
-from lidar_outlier_lab.results.papers.side_views import View, draw
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
@@ -226,16 +226,16 @@ def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
     return f'{stem}.png', table((sample.name, *(f'k = {k}' for k in CURVE)), rows)
 
 
-def _views(sample: Sample) -> list[View]:
+def _views(sample: Sample) -> list[Panel]:
     (xyz,) = sample.clouds
     middle = float(np.median(xyz[:, 1]))
     strip = np.abs(xyz[:, 1] - middle) < STRIP / 2
     flat, bad = xyz[strip][:, [0, 2]], sample.data.bad[strip]
     after = {name: judge(xyz, READINGS[name]).rejected[strip] for name in (LETTER, OURS)}
     return [
-        View(f'{sample.name}: before', flat, bad, np.ones(len(bad), np.bool_)),
+        view(f'{sample.name}: before', flat, bad, np.ones(len(bad), np.bool_)),
         *(
-            View(name.partition(':')[0].replace('`', ''), flat, bad, ~rejected, marks=True)
+            view(name.partition(':')[0].replace('`', ''), flat, bad, ~rejected)
             for name, rejected in after.items()
         ),
     ]

@@ -7,17 +7,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from lidar_outlier_filter.messages.truth import Kind
-from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
+from lidar_outlier_lab.results.papers import panels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from matplotlib.axes import Axes
 
     from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_lab.results.samples import Sample
@@ -26,9 +22,7 @@ if TYPE_CHECKING:
 LENGTH = 14.0  # metres of a profile
 HALF = 2.5  # metres to both sides of the middle of the outliers
 LOW, HIGH = -0.15, 2.2  # metres
-WIDTH, ROW, HEAD, DPI = 16.0, 2.2, 0.5, 90  # inches, of the whole, a row and the legend; per inch
-COLOURS = 48  # of the palette: keeps the file small
-ASPHALT = '#8d9299'
+ROW = 2.2  # inches
 TITLES = {'a': '(a)', 'b': '(b)', 'c': '(c)', 'ab': '(a), then (b)'}
 
 
@@ -72,33 +66,14 @@ def strip(sample: Sample, rejected: Mapping[str, Bools]) -> Strip:
 
 def draw(strips: Sequence[tuple[str, Strip]], path: Path) -> None:
     """Draw a row for each cloud: before, and after each method."""
-    height = HEAD + ROW * len(strips)
-    figure = Figure((WIDTH, height), dpi=DPI, facecolor=PAPER)
-    canvas = FigureCanvasAgg(figure)
-    for row, (name, one) in enumerate(strips):
-        nothing = np.zeros(len(one.bad), np.bool_)
-        panels = [('before', nothing), *one.rejected.items()]
-        bottom = (height - HEAD - (row + 0.85) * ROW) / height
-        for column, (title, rejected) in enumerate(panels):
-            left = (column + 0.16) / len(panels)
-            axes = figure.add_axes((left, bottom, 0.8 / len(panels), 0.67 * ROW / height))
-            text = TITLES.get(title, title.partition(',')[0])
-            axes.set_title(f'{name[-1].upper()}: {text}', fontsize=11, color=INK, pad=3)
-            _panel(axes, one, rejected)
-    entries = [('road', ASPHALT), ('outlier that is left', LEFT), ('road taken out', LOST)]
-    add_legend(figure, entries)
-    save(canvas, path, COLOURS)
-
-
-def _panel(axes: Axes, one: Strip, rejected: Bools) -> None:
-    for some, colour, size in (
-        (~one.bad & ~rejected, ASPHALT, 0.4),
-        (one.bad & ~rejected, LEFT, 5),
-        (~one.bad & rejected, LOST, 5),
-    ):
-        axes.scatter(one.flat[some, 0], one.flat[some, 1], s=size, c=colour, linewidths=0)
-    axes.set_xlim(0.0, LENGTH)
-    axes.set_ylim(LOW, HIGH)
-    axes.tick_params(labelsize=8, colors=INK, length=2, pad=1.5)
-    for side in ('top', 'right'):
-        axes.spines[side].set_visible(False)
+    rows = []
+    for name, one in strips:
+        after = {TITLES.get(title, title.partition(',')[0]): r for title, r in one.rejected.items()}
+        every = {'before': np.zeros(len(one.bad), np.bool_), **after}
+        rows.append(
+            [
+                panels.view(f'{name[-1].upper()}: {title}', one.flat, one.bad, ~rejected)
+                for title, rejected in every.items()
+            ]
+        )
+    panels.draw(rows, path, ('along, m', 'height, m'), ROW, ((0.0, LENGTH), (LOW, HIGH)))

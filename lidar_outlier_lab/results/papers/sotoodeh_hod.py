@@ -16,7 +16,7 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import published, sotoodeh_picture
-from lidar_outlier_lab.results.papers.side_views import View, draw
+from lidar_outlier_lab.results.papers.panels import draw, view
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters, tripod
 
 if TYPE_CHECKING:
@@ -134,9 +134,9 @@ def _figure_4(seed: int, folder: Path) -> str:
         flat = xyz[near][:, [0, 2]]
         views.append(
             [
-                View(f'scan {number}: before', flat, bad[near], np.ones(near.sum(), np.bool_)),
-                View('after phase 1', flat, bad[near], (phase != 1)[near]),
-                View('after phase 2', flat, bad[near], (phase == 0)[near]),
+                view(f'scan {number}: before', flat, bad[near], np.ones(near.sum(), np.bool_)),
+                view('after phase 1', flat, bad[near], (phase != 1)[near]),
+                view('after phase 2', flat, bad[near], (phase == 0)[near]),
             ]
         )
         for after, rejected in ((1, phase == 1), (2, phase > 0)):

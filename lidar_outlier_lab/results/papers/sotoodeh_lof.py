@@ -16,14 +16,14 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import published
-from lidar_outlier_lab.results.papers.maps import Classes, Grey, draw_classes, draw_images
+from lidar_outlier_lab.results.papers.panels import Layer, Panel, RangeImage, draw, draw_images
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats, Progress
+    from lidar_outlier_filter.annotations import Floats, Ints, Progress
     from lidar_outlier_filter.evaluation.confusion import Confusion
 
 
@@ -34,6 +34,13 @@ CITIES = 3  # seeds of the table
 FRONT = slice(520, 920)  # columns of the room that are shown
 MAP_HIGH = 1.5  # factor that is white
 STEPS = 4
+RESIDUALS = {'below σ': '#4b9b4b', 'below 2 σ': '#e8c53a', 'above 2 σ: outlier': '#d81b1b'}
+VERDICTS = {
+    'inlier, kept': '#d5d8dc',
+    'inlier, rejected': '#f0a30a',
+    'outlier, rejected': '#0072b2',
+    'outlier, kept': '#d81b1b',
+}
 
 
 def section(_presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
@@ -151,23 +158,18 @@ def _figure_3(city: surface_truth.City, factor: Floats, folder: Path) -> None:
     steps = np.array([city.limit / 2.0, city.limit])
     rejected = factor > FACTOR
     verdict = np.where(rejected, np.where(city.bad, 2, 1), np.where(city.bad, 3, 0))
-    panels = [
-        Classes(
-            'residuals',
-            city.xyz[:, :2],
-            np.searchsorted(steps, city.residual),
-            ('#4b9b4b', '#e8c53a', '#d81b1b'),
-            ('below σ', 'below 2 σ', 'above 2 σ: outlier'),
-        ),
-        Classes(
-            f'LOF above {FACTOR}, MinPts 20',
-            city.xyz[:, :2],
-            verdict,
-            ('#d5d8dc', '#f0a30a', '#0072b2', '#d81b1b'),
-            ('inlier, kept', 'inlier, rejected', 'outlier, rejected', 'outlier, kept'),
-        ),
+    flat, classes = city.xyz[:, :2], np.searchsorted(steps, city.residual)
+    rows = [
+        _classes('residuals', flat, classes, RESIDUALS),
+        _classes(f'LOF above {FACTOR}, MinPts 20', flat, verdict, VERDICTS),
     ]
-    draw_classes(panels, folder / 'sotoodeh2006_figure_3.png')
+    draw([rows], folder / 'sotoodeh2006_figure_3.png', ('x, m', 'y, m'), row=7.0)
+
+
+def _classes(title: str, flat: Floats, code: Ints, names: Mapping[str, str]) -> Panel:
+    """Show points by their class, (N,): the index of a name, which has a colour."""
+    parts = enumerate(names.items())
+    return Panel(title, [Layer(flat[code == k], colour, 0.8, name) for k, (name, colour) in parts])
 
 
 def _figure_4(seed: int, folder: Path) -> str:
@@ -178,9 +180,9 @@ def _figure_4(seed: int, folder: Path) -> str:
     low, high = np.percentile(bright, [1, 99])
     draw_images(
         [
-            Grey('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
+            RangeImage('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
             *(
-                Grey(
+                RangeImage(
                     f'LOF, MinPts {k}: 1 black, {MAP_HIGH} white',
                     scan.image(values)[:, FRONT],
                     1.0,
@@ -213,6 +215,6 @@ def _figure_5(seed: int, folder: Path) -> None:
     shade = 0.15 + 0.5 * (1.0 - np.clip((distance - low) / (high - low), 0.0, 1.0))
     shown = np.where(values > FACTOR, 1.0, shade)
     draw_images(
-        [Grey('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
+        [RangeImage('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
         folder / 'sotoodeh2006_figure_5.png',
     )

@@ -7,9 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.detector import (
@@ -19,21 +16,17 @@ from lidar_outlier_filter.core.detectors.hierarchical.detector import (
 )
 from lidar_outlier_filter.core.detectors.hierarchical.gabriel import gabriel_graph
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
+from lidar_outlier_lab.results.papers import panels
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
-WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
-COLOURS = 64  # of the palette: keeps the file small
-POINT, EDGE = '#5c6168', '#9aa0a6'
 AZIMUTH, ELEVATION = np.radians(-58.0), np.radians(16.0)  # from where it is seen
 
 
@@ -83,31 +76,26 @@ def course(xyz: Floats, parameters: Hierarchical) -> Course:
 def draw(scene: LabelledClusters, parameters: Hierarchical, path: Path) -> None:
     """Draw six panels: the cloud, its spanning tree, pruned, Gabriel graphs, pruned, the rest."""
     steps = course(scene.xyz, parameters)
-    everything = np.ones(len(scene.xyz), np.bool_)
+    every = np.ones(len(scene.xyz), np.bool_)
     rough, clean = steps.phase != 1, steps.phase == 0
     nothing = np.empty((0, 2), np.int64)
     interval = f'{parameters.global_confidence:.0%}', f'{parameters.local_confidence:.0%}'
-    panels = (
-        (f'a  input: {len(scene.xyz)} points', everything, nothing),
-        ('b  Euclidean minimum spanning tree', everything, steps.tree),
-        (f'c  tree pruned by the {interval[0]} interval', everything, steps.pruned_tree),
+    shown = (
+        (f'a  input: {len(scene.xyz)} points', every, nothing),
+        ('b  Euclidean minimum spanning tree', every, steps.tree),
+        (f'c  tree pruned by the {interval[0]} interval', every, steps.pruned_tree),
         ('d  Gabriel graphs of the large clusters', rough, steps.graph),
         (f'e  graphs pruned by the {interval[1]} interval', rough, steps.pruned_graph),
         (f'f  clean: {np.count_nonzero(clean)} points', clean, nothing),
     )
-    figure = Figure((WIDTH, HEIGHT), dpi=DPI, facecolor=PAPER)
-    canvas = FigureCanvasAgg(figure)
     flat = _project(scene.xyz)
-    for number, (name, shown, edges) in enumerate(panels):
-        left, bottom = 0.01 + 0.333 * (number % 3), 0.485 - 0.48 * (number // 3)
-        axes = figure.add_axes((left, bottom, 0.315, 0.43))
-        _panel(axes, flat, scene.outlier, shown, edges)
-        axes.set_title(name, loc='left', fontsize=13, fontweight='bold', color=INK, pad=4)
-    # What was lost is shown where it would have stayed.
-    lost = ~clean & ~scene.outlier
-    axes.scatter(flat[lost, 0], flat[lost, 1], s=14, c=LOST, linewidths=0)
-    _legend(figure, with_lost=bool(lost.any()))
-    save(canvas, path, COLOURS)
+    # What was lost is shown in the last panel, where it would have stayed.
+    views = []
+    for title, some, edges in shown[:-1]:
+        kept = np.ones(np.count_nonzero(some), np.bool_)
+        views.append(panels.view(title, flat[some], scene.outlier[some], kept, flat[edges]))
+    views.append(panels.view(shown[-1][0], flat, scene.outlier, clean))
+    panels.draw([views[:3], views[3:]], path, ('right, m', 'up, m'), row=4.2)
 
 
 def _project(xyz: Floats) -> Floats:
@@ -117,21 +105,3 @@ def _project(xyz: Floats) -> Floats:
     up = np.array([0.0, 0.0, np.cos(ELEVATION)]) + np.sin(ELEVATION) * forward
     flat: Floats = xyz @ np.stack([right, up], axis=1)
     return flat
-
-
-def _panel(axes: Axes, flat: Floats, outlier: Bools, shown: Bools, edges: Ints) -> None:
-    axes.add_collection(LineCollection(list(flat[edges]), colors=EDGE, linewidths=0.7))
-    for some, colour, size in ((shown & ~outlier, POINT, 6), (shown & outlier, LEFT, 14)):
-        axes.scatter(flat[some, 0], flat[some, 1], s=size, c=colour, linewidths=0, zorder=2)
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    axes.set_xlim(low[0] - 0.1, high[0] + 0.1)
-    axes.set_ylim(low[1] - 0.1, high[1] + 0.1)
-    axes.set_aspect('equal')
-    axes.axis('off')
-
-
-def _legend(figure: Figure, *, with_lost: bool) -> None:
-    entries = [('good point', POINT), ('outlier still in the cloud', LEFT)]
-    if with_lost:
-        entries.append(('good point taken out', LOST))
-    add_legend(figure, entries)

@@ -62,7 +62,6 @@ def test_picture(tmp_path: Path, least: int) -> None:
     parameters = replace(Hierarchical(), min_cluster=least)
     hod_picture.draw(simulate(0), parameters, tmp_path / 'picture.png')
     with Image.open(tmp_path / 'picture.png') as image:
-        assert image.size == (1400, 900)
         colours = {colour for _, colour in image.convert('RGB').getcolors(1000) or []}
     lost = tuple(bytes.fromhex(picture.LOST[1:]))
     assert (lost in colours) == (least == 400)

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of points in panels side by side, and of range images, as the papers have them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+    from lidar_outlier_filter.annotations import Bools, Floats
+
+    Limits = tuple[tuple[float, float], tuple[float, float]]  # of x and of y
+
+WIDTH, DPI = 14.0, 90  # inches; dots per inch
+COLOURS = 64  # of the palette: keeps the file small
+GOOD, EDGE = '#8d9299', '#9aa0a6'
+NO_VALUE = '#20304a'  # of a range image
+
+
+class Layer(NamedTuple):
+    """Points (N, 2) of one colour and size, and what they are."""
+
+    flat: Floats
+    colour: str
+    size: float
+    name: str
+
+
+class Panel(NamedTuple):
+    """One panel: layers over each other, over ``edges`` (E, 2, 2), lines between points."""
+
+    title: str
+    layers: Sequence[Layer]
+    edges: Floats | None = None
+
+
+def view(title: str, flat: Floats, bad: Bools, kept: Bools, edges: Floats | None = None) -> Panel:
+    """Show points (N, 2): good ones, outliers that are kept, and good ones that are not."""
+    layers = (
+        Layer(flat[kept & ~bad], GOOD, 0.5, 'good point'),
+        Layer(flat[~kept & ~bad], LOST, 1.5, 'good point taken out'),
+        Layer(flat[kept & bad], LEFT, 6.0, 'outlier'),
+    )
+    return Panel(title, layers, edges)
+
+
+def draw(
+    rows: Sequence[Sequence[Panel]],
+    path: Path,
+    labels: tuple[str, str],
+    row: float = 2.6,
+    limits: Limits | None = None,
+) -> None:
+    """Draw rows of panels as PNG; those of a row have the same axes.
+
+    Parameters
+    ----------
+    rows : panels
+    path : of the picture
+    labels : of the axes, with units
+    row : height of a row, inches
+    limits : of all axes; None: each row has those of its points
+
+    """
+    figure = Figure((WIDTH, 0.5 + row * len(rows)), dpi=DPI, facecolor=PAPER)
+    canvas = FigureCanvasAgg(figure)
+    # The legend is above the panels.
+    figure.set_layout_engine('constrained', rect=(0, 0, 1, 1 - 0.4 / (0.5 + row * len(rows))))
+    every = figure.subplots(len(rows), max(map(len, rows)), squeeze=False)
+    for panels, line in zip(rows, every, strict=True):
+        (left, right), (bottom, top) = limits or _limits(panels)
+        for panel, axes in zip(panels, line, strict=True):
+            _panel(axes, panel)
+            axes.set_xlim(left, right)
+            axes.set_ylim(bottom, top)
+            axes.set_xlabel(labels[0], fontsize=9, color=INK)
+        line[0].set_ylabel(labels[1], fontsize=9, color=INK)
+    layers = (layer for panels in rows for panel in panels for layer in panel.layers)
+    names = {layer.name: layer.colour for layer in layers if len(layer.flat)}
+    add_legend(figure, [*names.items()])
+    save(canvas, path, COLOURS)
+
+
+def _limits(panels: Sequence[Panel]) -> Limits:
+    flat = np.concatenate([layer.flat for panel in panels for layer in panel.layers])
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    left, bottom = (low - 0.02 * (high - low)).tolist()
+    right, top = (high + 0.02 * (high - low)).tolist()
+    return (left, right), (bottom, top)
+
+
+def _panel(axes: Axes, panel: Panel) -> None:
+    if panel.edges is not None:
+        axes.add_collection(LineCollection([*panel.edges], colors=EDGE, linewidths=0.7))
+    for layer in panel.layers:
+        axes.scatter(*layer.flat.T, s=layer.size, c=layer.colour, linewidths=0, zorder=2)
+    _dress(axes, panel.title)
+
+
+def _dress(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=11, color=INK, loc='left')
+    axes.tick_params(labelsize=8, colors=INK, length=2)
+    for side in ('top', 'right'):
+        axes.spines[side].set_visible(False)
+
+
+class RangeImage(NamedTuple):
+    """Values (rows, columns), NaN where none is; black at low, white at high."""
+
+    title: str
+    pixels: Floats
+    low: float
+    high: float
+
+
+def draw_images(images: Sequence[RangeImage], path: Path) -> None:
+    """Draw range images side by side, as PNG."""
+    ratio = images[0].pixels.shape[0] / images[0].pixels.shape[1]
+    figure = Figure((WIDTH, WIDTH / len(images) * ratio + 0.7), dpi=DPI, facecolor=PAPER)
+    canvas = FigureCanvasAgg(figure)
+    figure.set_layout_engine('constrained')
+    for axes, one in zip(figure.subplots(1, len(images), squeeze=False)[0], images, strict=True):
+        axes.set_facecolor(NO_VALUE)
+        axes.imshow(one.pixels, cmap='gray', vmin=one.low, vmax=one.high, aspect='auto')
+        axes.set_xlabel('column', fontsize=9, color=INK)
+        axes.set_ylabel('row', fontsize=9, color=INK)
+        _dress(axes, one.title)
+    save(canvas, path, COLOURS)
