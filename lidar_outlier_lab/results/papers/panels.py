@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 WIDTH, DPI = 14.0, 90  # inches; dots per inch
 COLOURS = 64  # of the palette: keeps the file small
+FEW = 5000  # points of a panel: of so few each is drawn larger
 GOOD, EDGE = '#8d9299', '#9aa0a6'
 NO_VALUE = '#20304a'  # of a range image
 
@@ -48,10 +49,11 @@ class Panel(NamedTuple):
 
 def view(title: str, flat: Floats, bad: Bools, kept: Bools, edges: Floats | None = None) -> Panel:
     """Show points (N, 2): good ones, outliers that are kept, and good ones that are not."""
+    fine = 0.5 if len(flat) > FEW else 6.0
     layers = (
-        Layer(flat[kept & ~bad], GOOD, 0.5, 'good point'),
-        Layer(flat[~kept & ~bad], LOST, 1.5, 'good point taken out'),
-        Layer(flat[kept & bad], LEFT, 6.0, 'outlier'),
+        Layer(flat[kept & ~bad], GOOD, fine, 'good point'),
+        Layer(flat[~kept & ~bad], LOST, 3 * fine, 'good point taken out'),
+        Layer(flat[kept & bad], LEFT, max(6.0, 2 * fine), 'outlier'),
     )
     return Panel(title, layers, edges)
 

@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
-from lidar_outlier_lab.simulation.world.scene import Hits, Rays, Scene
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, SpinningScanner
 from lidar_outlier_lab.simulation.world.trajectory import Path, Trajectory
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.prisms import FreeScanner
-    from lidar_outlier_lab.simulation.world.scene import Surface
 
 
 IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
@@ -68,8 +66,7 @@ class Drive:
     """Everything that makes a recording: the same drive gives the same bytes.
 
     ``lines`` are revolutions of the scanner. Points are in the frame of the scene, or with
-    ``in_own_frame`` in that of the scanner at the moment of each. Surfaces of the ``vehicle``
-    are in the frame of the scanner, and stay there.
+    ``in_own_frame`` in that of the scanner at the moment of each.
     """
 
     scene: Scene
@@ -79,28 +76,6 @@ class Drive:
     disturbances: Disturbances = field(default_factory=Disturbances)
     seed: int = 1
     in_own_frame: bool = False
-    vehicle: tuple[Surface, ...] = ()
-
-    @cached_property
-    def every(self) -> Scene:
-        """All surfaces, for what is known of each; those of the vehicle behind the others."""
-        return Scene((*self.scene.surfaces, *self.vehicle))
-
-    def hits(self, rays: Rays, shot: NDArray[np.int64]) -> Hits:
-        """Find what shots meet: surfaces of the scene, or of the vehicle before them."""
-        hits = self.scene.cast(rays)
-        if not self.vehicle:
-            return hits
-        offset, direction = self.sensor.bundle(shot)
-        own = Scene(self.vehicle).cast(replace(rays, origin=offset, direction=direction))
-        first = own.distance < hits.distance
-        surface = np.where(first, own.surface + len(self.scene.surfaces), hits.surface)
-        return Hits(
-            np.where(first, own.distance, hits.distance),
-            np.where(first, own.cosine, hits.cosine),
-            surface,
-            np.where(first, own.part, hits.part),
-        )
 
     @property
     def shots(self) -> int:
@@ -189,7 +164,7 @@ def merge(clean: Returns, spoilt: Returns) -> Returns:
 def _cast(drive: Drive, shot: NDArray[np.int64], rng: np.random.Generator) -> Block:
     """Cast some shots: what they meet, what goes wrong on the way, noise."""
     rays = drive.rays(shot)
-    clean = _meet(drive, rays, shot, rng)
+    clean = _meet(drive, rays, rng)
     spoilt = clean.copy()
     _fly(drive.scene, rays, spoilt, rng)
     _lift(drive.disturbances, rays.direction[2, :, 0], spoilt, rng)
@@ -206,10 +181,10 @@ def _cast(drive: Drive, shot: NDArray[np.int64], rng: np.random.Generator) -> Bl
     )
 
 
-def _meet(drive: Drive, rays: Rays, shot: NDArray[np.int64], rng: np.random.Generator) -> _Shots:
+def _meet(drive: Drive, rays: Rays, rng: np.random.Generator) -> _Shots:
     """Find what each shot measures of the surfaces alone."""
-    scene, sensor = drive.every, drive.sensor
-    hits = drive.hits(rays, shot)
+    scene, sensor = drive.scene, drive.sensor
+    hits = scene.cast(rays)
     echoes = sensor.receive(hits, scene.reflectance[hits.surface])
     pane = (echoes.part >= PANE).astype(np.intp)
     kind, cause = scene.kinds[echoes.surface, pane], scene.causes[echoes.surface]

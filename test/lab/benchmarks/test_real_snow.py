@@ -14,7 +14,6 @@ import pytest
 from helpers import ROOT
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.confusion import Confusion
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -160,23 +159,6 @@ def cloud_of(xyz: Any, label: Any, source: Any = None, intensity: float = 20.0) 
     return sweeps.Cloud('one', position, bright, np.asarray(label, np.uint16), None, None, own)
 
 
-def test_figures() -> None:
-    """Worked out by hand: seven points, three of snow, two of these and one other rejected."""
-    xyz = np.zeros((7, 3))
-    xyz[:, 0] = 1.0, 2.0, 2.9, 3.0, 49.0, 50.0, 200.0
-    cloud = cloud_of(xyz, [110, 110, 40, 40, 110, 50, 50])
-    rejected = np.array([True, False, True, False, True, False, False])
-    found = sweeps.count([cloud], sweeps.Verdict([rejected], 2.0, 'by hand'))
-    assert found.whole == Confusion(found=2, missed=1, lost=1, kept=3)
-    assert found.whole.f1 == pytest.approx(2 / 3)
-    assert found.classes == {40: (2, 1), 50: (2, 0), 110: (3, 2)}
-    assert found.ranges[0] == (1, 1, 1, 0)
-    assert found.ranges[1] == (0, 0, 0, 1)
-    assert found.ranges[6:] == ((1, 0, 0, 0), (0, 0, 0, 2))
-    assert found.speed == pytest.approx(3.5e-6)
-    assert (found.sweeps, found.setting) == (1, 'by hand')
-
-
 def brute(xyz: NDArray[np.float64]) -> tuple[Any, Any, Any]:
     """Measure distances, SOR's and LOF's statistics by loops over all pairs."""
     apart = np.linalg.norm(xyz[:, None] - xyz, axis=2)
@@ -200,23 +182,6 @@ def test_neighbours_of_peers() -> None:
     for mine, its in zip(found, expected, strict=True):
         np.testing.assert_allclose(mine[:60], its, rtol=1e-5, atol=1e-6)
         np.testing.assert_array_equal(mine[60:], mine[copied])
-
-
-def test_peers_find_what_their_rules_say() -> None:
-    """A wall of close points and dark flakes before it: who looks at distances finds them all."""
-    y, z = np.divmod(np.arange(1600), 40)
-    wall = np.column_stack([np.full(1600, 10.0), (y - 20) * 0.05, (z - 20) * 0.05])
-    flakes = np.column_stack([np.full(5, 5.0), np.arange(5) - 2.0, np.zeros(5)])
-    cloud = cloud_of(np.concatenate([wall, flakes]), [BUILDING] * 1600 + [SNOW] * 5)
-    cloud.intensity[1600:] = 0.0
-    seen = judges.features([cloud, cloud])
-    for name, judge in judges.PEERS.items():
-        verdict = judge(seen)
-        assert len(verdict.rejected) == 2
-        for mask in verdict.rejected:
-            if name != 'LOF':  # corners of a wall are as lonely for it
-                np.testing.assert_array_equal(mask, cloud.snow, name)
-        assert verdict.setting
 
 
 def test_the_network_is_asked_as_its_own_code_asks() -> None:

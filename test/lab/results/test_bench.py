@@ -14,9 +14,8 @@ import pytest
 from rich.console import Console
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
-from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.results import bench, bench_page, peers
+from lidar_outlier_lab.results import bench, bench_page
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
@@ -28,15 +27,6 @@ def test_wrong_answers_are_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(filterpy_engine, 'residuals', lambda *given: 0.0 * honest(*given))
     with pytest.raises(FilterError, match="the kernel's answer must be the Kalman filter's"):
         bench.compare_engines()
-
-
-def test_another_selection_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A SOR that rejects too little is noticed."""
-    xyz = np.random.default_rng(1).normal(size=(500, 3))
-    bench.compare_sor(xyz)
-    monkeypatch.setattr(sor, 'detect', lambda *_given: np.zeros(500))
-    with pytest.raises(FilterError, match='the selection of SOR must be that of scipy'):
-        bench.compare_sor(xyz)
 
 
 def test_works_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,15 +56,6 @@ def test_works_work() -> None:
     in_stream = sum(msg.width for msg in messages)
     spatial = [2000] * len(bench.SPATIAL)
     assert [work.points for work in works] == [300_000, *spatial, in_stream]
-
-
-def test_peer_rejects_what_the_method_says() -> None:
-    """A grid of 10 × 10 with one point far off: that one, and nothing else."""
-    x, y = np.meshgrid(np.arange(10.0), np.arange(10.0))
-    grid = np.stack([x.ravel(), y.ravel(), np.zeros(100)], axis=1)
-    far = np.array([[50.0, 50.0, 50.0]])
-    cloud = np.concatenate([grid, far])
-    assert np.flatnonzero(peers.sor(cloud, 21, bench.MULTIPLIER)).tolist() == [100]
 
 
 def test_one_core_is_left() -> None:

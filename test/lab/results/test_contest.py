@@ -14,16 +14,12 @@ import pytest
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_lab.results import contest, contest_tables
 from lidar_outlier_lab.results.contest import Record, Standing, compete, score, standings
-from lidar_outlier_lab.results.contest_section import entries
 from lidar_outlier_lab.results.contest_tables import Target
 from lidar_outlier_lab.results.contestants import (
     DEFAULT,
-    OURS,
-    RULES,
     Judgement,
     Ours,
     Peer,
-    peers,
 )
 from lidar_outlier_lab.results.samples import simulated
 
@@ -76,22 +72,6 @@ def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert made == [('sotoodeh-hod', 1), ('sotoodeh-hod', 2)]
     assert [(one.contestant, one.seed) for one in records] == [('sor', 1), ('sor', 2)]
     assert all(done <= total for done, total, _ in result)
-
-
-def test_who_judges_what() -> None:
-    """Everybody the first seeds; default, rules and peers all of them, where there is a target."""
-    listed = entries(['leslar-c', 'kang-urban'], [5, 6, 7], 2)
-    assert [entry[:2] for entry in listed] == [
-        ('leslar-c', 5),
-        ('leslar-c', 6),
-        ('leslar-c', 7),
-        ('kang-urban', 5),
-        ('kang-urban', 6),
-    ]
-    names = [{one.name for one in entry[2]} for entry in listed]
-    others = {one.name for one in peers()}
-    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | others
-    assert names[2] == {DEFAULT, *RULES} | others
 
 
 def test_targets_beside_others() -> None:

@@ -18,8 +18,6 @@ from rich.console import Console
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.parameters.yaml_files import read_yaml
-from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results import demo
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
@@ -81,14 +79,6 @@ def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
         assert row is not None
         expected = [100 * getattr(run, figure).ratio for run in (paper, default)]
         assert [float(text) for text in row.groups()] == pytest.approx(expected, abs=0.005)
-
-
-def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> None:
-    """The parameter file left behind gives the answers of the default form again."""
-    output, _ = made
-    again = tmp_path / 'again'
-    replay(output / 'drive', again, parameters=read_yaml(output / 'demo.yaml'))
-    assert score(again) == score(output / 'default')
 
 
 def test_the_filter_finds_snow(made: tuple[Path, str]) -> None:

@@ -40,14 +40,6 @@ if TYPE_CHECKING:
 
 DOC = ROOT / 'doc' / 'papers'
 TABLES = ROOT / 'doc' / 'results' / 'papers'
-# Numbers of a page that no command of ours finds.
-SAID: dict[str, set[str]] = {
-    'kang2018': {'0.27', '0.13', '1.4'},  # of a normal law; of all results
-    'leslar2010': {'0.001'},  # our significance
-    'pirotti2018': {'1.08', '1.12', '0.53'},  # see test_thresholds_of_pcl_lof, test_mean_distance
-    'sotoodeh2006': {'98', '3.69', '2.5', '0.22'},  # all results; 4273 of 115 820; the city
-    'sotoodeh2007': {'656', '0.457', '4.2'},  # 3 of 656; a section
-}
 
 
 @pytest.mark.parametrize('name', PAGES)
@@ -74,39 +66,6 @@ def test_functions_are_there(name: str) -> None:
     for path in found:
         package = '' if path.startswith('lidar_outlier_lab.') else 'lidar_outlier_filter.'
         resolve_name(f'{package}{path}')
-
-
-def numbers(text: str) -> tuple[set[str], set[str]]:
-    """Return the shares, in percent, and all other numbers with decimals, as they are written."""
-    # "1.7 to 2.8 %", "28, 15 and 3 %": all of them are shares.
-    joined = re.sub(
-        r'(?<=\d)(?=(?:(?:,\s+|\s+(?:and|to|instead\s+of)\s+)\d[\d.]*)+\s%)', ' %', text
-    )
-    shares = set(re.findall(r'(?<![\w.,/=-])(\d+(?:\.\d+)?)\s%', joined))
-    others = set(re.findall(r'(?<![\w.,/=-])(\d+\.\d+)(?!\w|\.\d|\s%)', joined))
-    return shares, others
-
-
-@pytest.mark.parametrize('name', PAGES)
-def test_prose_has_numbers_of_the_tables(name: str) -> None:
-    """What a page argues from is what its command wrote, rounded, or what the paper prints."""
-    text = (DOC / f'{name}.md').read_text(encoding='utf-8')
-    written = (TABLES / f'{name}.md').read_text(encoding='utf-8')
-    there = [set(map(float, some)) for some in numbers(written.replace('%\n', ''))]
-    there[0] |= {float(cell) for cell in re.findall(r'(?<=\| )\d+\.\d\d(?= \|)', written)}
-    prose = re.sub(r'`[^`\n]*`|\(http[^)]*\)', '', text.partition('## What the paper leaves')[2])
-    stray = [
-        one
-        for some, known in zip(numbers(prose), there, strict=True)
-        for one in some - SAID.get(name, set())
-        if not any(abs(other - float(one)) <= _half(one) for other in known)
-    ]
-    assert stray == []
-
-
-def _half(written: str) -> float:
-    """Return half a unit of the last digit, and a little."""
-    return 0.5000001 * 10.0 ** -len(written.partition('.')[2])
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,6 @@ from lidar_outlier_lab.simulation.world.caster import PANE, uniform
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.surfaces import (
     Ball,
-    BarrierArm,
     Box,
     Building,
     Crown,
@@ -160,16 +159,6 @@ def test_bundles_are_cast_as_their_rays() -> None:
         single = Scene((things[index],)).cast(Rays(origin, direction, t, reach))
         assert (together.distance <= single.distance).all()
     assert len(np.unique(together.surface)) > 120
-
-
-def test_arm_turns_and_stays_between_level_and_upright() -> None:
-    """An arm is met at its angle, which is held at both ends."""
-    arm = Scene((BarrierArm((5.0, 0.0, 1.0), 4.0, angle=0.3, rate=0.5),))
-    for t, angle in ((-9.0, 0.0), (0.0, 0.3), (1.0, 0.8), (9.0, np.pi / 2)):
-        at = (5.0, -3.0 * np.cos(angle), 1.0 + 3.0 * np.sin(angle))
-        origin = (0.0, at[1], at[2])
-        assert one(arm, origin, at, t).distance == pytest.approx(4.95)
-        assert np.isinf(one(arm, origin, (5.0, at[1] - 0.3, at[2] - 0.3), t).distance)
 
 
 def test_parts_of_a_building() -> None:

@@ -77,13 +77,6 @@ def test_about(share: float, shots: list[int]) -> None:
     assert shot[cloud['label'] == SNOW].tolist() == shots
 
 
-def test_about_refuses() -> None:
-    """A share below the scene's own, or above all that were disturbed, is refused."""
-    for share in (0.1, 0.6):
-        with pytest.raises(FilterError, match=r'the share must be from 0.125000 to 0.555556 here'):
-            choose.about(BLOCK, share)
-
-
 def test_gather_stops_where_there_are_enough() -> None:
     """A drive is cast until there are points enough, the share done said; too few are refused."""
     drive = replace(demo_drive(), lines=100)

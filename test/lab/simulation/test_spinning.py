@@ -15,7 +15,7 @@ from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Return
 from lidar_outlier_lab.simulation.world.recording import messages
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import Box, Ground, Pole
+from lidar_outlier_lab.simulation.world.surfaces import Box, Ground
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
@@ -91,22 +91,3 @@ def test_time_of_each_point() -> None:
     np.testing.assert_array_equal(times - clouds[0].stamp, shot * 50_000)
     for number in np.unique(ring):
         assert set(np.diff(times[ring == number])) == {SMALL.column_time}
-
-
-def test_own_frame_moves_with_the_sensor() -> None:
-    """A pole passed by wanders backwards in the sensor's frame, and stands in the scene's."""
-    moving = Route(((0.0, 10.0, 0.5),), (0.0, 0.0, 0.3), mount=(0.0, 0.0, 1.0))
-    own = replace(drive(Scene((Pole(8.0, 3.0, 0.1, 9.0),)), turns=6), trajectory=moving)
-    fixed = replace(own, in_own_frame=False)
-    (shot, seen), (also, true) = returns(own), returns(fixed)
-    np.testing.assert_array_equal(shot, also)
-    assert np.hypot(true['x'] - 8.0, true['y'] - 3.0).max() < 0.2
-    distance = np.linalg.norm([seen[axis] for axis in 'xyz'], axis=0)
-    eye = own.rays(shot).origin[:, :, 0]
-    position = np.stack([true[axis] for axis in 'xyz'])
-    np.testing.assert_allclose(np.linalg.norm(position - eye, axis=0), distance, atol=1e-5)
-    # Turning the sensor's points by its pose gives the scene's.
-    pose = own.trajectory.rotation(own.sensor.seconds(shot))
-    turned = np.einsum('ijn,jn->in', pose, np.stack([seen[axis] for axis in 'xyz']))
-    np.testing.assert_allclose(turned + eye, position, atol=1e-5)
-    assert distance[0] != pytest.approx(distance[-1], abs=0.5)

@@ -128,17 +128,6 @@ def test_plumes_hang_together() -> None:
     assert (left[~np.isfinite(far)] == 1.0).all()
 
 
-def test_returns() -> None:
-    """The first return finds more flakes than the strongest; the last is the surface."""
-    beams = hall()
-    first, strongest, last = (
-        kinds.make('heavy_snow', beams, 1, returns=which)
-        for which in ('first', 'strongest', 'last')
-    )
-    assert (first.cause == Cause.SNOW).sum() > (strongest.cause == Cause.SNOW).sum()
-    assert not (last.cause == Cause.SNOW).any()
-
-
 @pytest.mark.parametrize(
     ('name', 'seed', 'returns', 'words'),
     [

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
+from lidar_outlier_lab.simulation.weather import drops, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
 if TYPE_CHECKING:
@@ -133,35 +132,6 @@ def test_least_drop_through_rain() -> None:
     fall = drops.Precipitation(2e5, 2.0, 0.9, 1000.0)
     found = drops.least_diameter(fall, NARROW, np.array([10.0]), np.array([1e-6]))
     assert found == pytest.approx([0.23120], rel=1e-3)
-
-
-def test_light_of_mirrored_points() -> None:
-    """Two mirrors leave 30 % of ρ ÷ r²; mixed points have all, and so has what stays."""
-    azimuth = np.tile(np.linspace(0.0, 2 * np.pi, 1800, endpoint=False), 32)
-    up = np.repeat(np.radians(np.linspace(-25.0, 15.0, 32)), 1800)
-    direction = np.stack(
-        [np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.sin(up)], axis=1
-    )
-    x, y, z = np.maximum(np.abs(direction), 1e-9).T
-    # A hall with a ground and a wall on each side, whose corner juts in.
-    far = np.minimum(12.0 / x, 20.0 / y)
-    far = np.where(direction[:, 2] < 0, np.minimum(far, 1.8 / z), far)
-    far = np.where((azimuth > 1.0) & (azimuth < 1.5), 0.8 * far, far)
-    count = len(far)
-    beams = Beams(
-        direction,
-        far,
-        np.full(count, 0.5),
-        np.repeat(np.arange(32), 1800),
-        np.tile(50_000 * np.arange(1800), 32),
-        np.arange(count),
-    )
-    for name, cause, share in (('ghosts', Cause.GHOST, 0.3), ('mixed', Cause.MIXED, 1.0)):
-        seen = kinds.make(name, beams, 1, Optics(farthest=1e6))
-        moved = seen.cause == cause
-        assert moved.sum() > 20
-        assert seen.power[moved] == pytest.approx(share * 0.5 / seen.distance[moved] ** 2)
-        assert seen.power[~moved] == pytest.approx(0.5 / far[~moved] ** 2)
 
 
 @pytest.mark.parametrize('way', [1.0, -1.0])

@@ -87,16 +87,6 @@ def test_sensor_that_is_left_out_does_not_train() -> None:
     assert wrong < right - 0.2
 
 
-def test_what_does_not_train_changes_nothing_that_is_learnt() -> None:
-    """A sweep that is judged only changes the figures, and no tree."""
-    some = sweeps()
-    extra = some[0]._replace(name='more', kind='rain', trains=False)
-    alone, more = (json.loads(train(s, {}, Recipe(1, FEW)).text) for s in (some, [*some, extra]))
-    assert (alone['first'], alone['again']) == (more['first'], more['again'])
-    assert alone['sweeps'] == more['sweeps']
-    assert {*more['held_out']['weather']} - {*alone['held_out']['weather']} == {'rain'}
-
-
 def test_weather_that_is_left_out_is_judged_only() -> None:
     """It changes neither trees nor threshold, and its figures are there."""
     some = sweeps()

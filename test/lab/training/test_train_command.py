@@ -56,27 +56,6 @@ def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
     assert points.valid.all()
 
 
-def test_two_returns_of_a_beam(recordings: Path) -> None:
-    """Particle and surface of one beam are both measured, in one direction and at one time."""
-    cloud = scenes.read_sweeps(sensor(recordings, 'VLP-16'), 1)[0]
-    points, outlier = scenes.put_weather(cloud, 'heavy_snow', [1, 2], 'dual')
-    one, _ = scenes.put_weather(cloud, 'heavy_snow', [1, 2], 'last')
-    assert len(points) > len(one)
-    shot = np.stack([points.line, points.t], axis=1)
-    _, beam, count = np.unique(shot, axis=0, return_inverse=True, return_counts=True)
-    assert count.max() == 2
-    first, second = np.argsort(beam, kind='stable')[:-1], np.argsort(beam, kind='stable')[1:]
-    pair = beam[first] == beam[second]
-    a, b = first[pair], second[pair]
-    assert (outlier[a] != outlier[b]).all()
-    behind = points.range[np.where(outlier[a], a, b)] - points.range[np.where(outlier[a], b, a)]
-    # The noise of its range, 3 cm and less, may put a drop just behind the surface.
-    assert (behind < 0.0).mean() > 0.95
-    assert behind.max() < 0.15
-    cosine = (points.xyz[a] * points.xyz[b]).sum(axis=1) / (points.range[a] * points.range[b])
-    assert cosine.min() > 1 - 1e-9
-
-
 def test_rings_of_published_tables(recordings: Path, tmp_path: Path) -> None:
     """Elevations are those of the files, in ascending order; sensors simulated have them."""
     folder = recordings / 'ring_tables'
