@@ -107,7 +107,8 @@ def _panel(axes: Axes, panel: Panel) -> None:
     if panel.edges is not None:
         axes.add_collection(LineCollection([*panel.edges], colors=EDGE, linewidths=0.7))
     for layer in panel.layers:
-        axes.scatter(*layer.flat.T, s=layer.size, c=layer.colour, linewidths=0, zorder=2)
+        x, y = layer.flat.T
+        axes.scatter(x, y, s=layer.size, c=layer.colour, linewidths=0, zorder=2)
     _dress(axes, panel.title)
 
 
