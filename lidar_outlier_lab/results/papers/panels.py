@@ -119,7 +119,7 @@ def _dress(axes: Axes, title: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-class RangeImage(NamedTuple):
+class GreyImage(NamedTuple):
     """Values (rows, columns), NaN where none is; black at low, white at high."""
 
     title: str
@@ -128,7 +128,7 @@ class RangeImage(NamedTuple):
     high: float
 
 
-def draw_images(images: Sequence[RangeImage], path: Path) -> None:
+def draw_images(images: Sequence[GreyImage], path: Path) -> None:
     """Draw range images side by side, as PNG."""
     ratio = images[0].pixels.shape[0] / images[0].pixels.shape[1]
     figure = Figure((WIDTH, WIDTH / len(images) * ratio + 0.7), dpi=DPI, facecolor=PAPER)

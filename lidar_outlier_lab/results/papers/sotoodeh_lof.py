@@ -16,7 +16,7 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import published
-from lidar_outlier_lab.results.papers.panels import Layer, Panel, RangeImage, draw, draw_images
+from lidar_outlier_lab.results.papers.panels import GreyImage, Layer, Panel, draw, draw_images
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
 
 if TYPE_CHECKING:
@@ -180,9 +180,9 @@ def _figure_4(seed: int, folder: Path) -> str:
     low, high = np.percentile(bright, [1, 99])
     draw_images(
         [
-            RangeImage('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
+            GreyImage('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
             *(
-                RangeImage(
+                GreyImage(
                     f'LOF, MinPts {k}: 1 black, {MAP_HIGH} white',
                     scan.image(values)[:, FRONT],
                     1.0,
@@ -215,6 +215,6 @@ def _figure_5(seed: int, folder: Path) -> None:
     shade = 0.15 + 0.5 * (1.0 - np.clip((distance - low) / (high - low), 0.0, 1.0))
     shown = np.where(values > FACTOR, 1.0, shade)
     draw_images(
-        [RangeImage('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
+        [GreyImage('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
         folder / 'sotoodeh2006_figure_5.png',
     )
