@@ -18,7 +18,7 @@ from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, count
 from lidar_outlier_lab.results.papers.methods import METHODS
-from lidar_outlier_lab.results.papers.panels import Panel, draw, view
+from lidar_outlier_lab.results.papers.panels import PointPanel, draw, view
 from lidar_outlier_lab.results.papers.published import KANG
 from lidar_outlier_lab.results.samples import simulated
 
@@ -226,7 +226,7 @@ def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
     return f'{stem}.png', table((sample.name, *(f'k = {k}' for k in CURVE)), rows)
 
 
-def _views(sample: Sample) -> list[Panel]:
+def _views(sample: Sample) -> list[PointPanel]:
     (xyz,) = sample.clouds
     middle = float(np.median(xyz[:, 1]))
     strip = np.abs(xyz[:, 1] - middle) < STRIP / 2

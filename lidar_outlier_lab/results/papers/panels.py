@@ -39,7 +39,7 @@ class Layer(NamedTuple):
     name: str
 
 
-class Panel(NamedTuple):
+class PointPanel(NamedTuple):
     """One panel: layers over each other, over ``edges`` (E, 2, 2), lines between points."""
 
     title: str
@@ -47,7 +47,9 @@ class Panel(NamedTuple):
     edges: Floats | None = None
 
 
-def view(title: str, flat: Floats, bad: Bools, kept: Bools, edges: Floats | None = None) -> Panel:
+def view(
+    title: str, flat: Floats, bad: Bools, kept: Bools, edges: Floats | None = None
+) -> PointPanel:
     """Show points (N, 2): good ones, outliers that are kept, and good ones that are not."""
     fine = 0.5 if len(flat) > FEW else 6.0
     layers = (
@@ -55,11 +57,11 @@ def view(title: str, flat: Floats, bad: Bools, kept: Bools, edges: Floats | None
         Layer(flat[~kept & ~bad], LOST, 3 * fine, 'good point taken out'),
         Layer(flat[kept & bad], LEFT, max(6.0, 2 * fine), 'outlier'),
     )
-    return Panel(title, layers, edges)
+    return PointPanel(title, layers, edges)
 
 
 def draw(
-    rows: Sequence[Sequence[Panel]],
+    rows: Sequence[Sequence[PointPanel]],
     path: Path,
     labels: tuple[str, str],
     row: float = 2.6,
@@ -95,7 +97,7 @@ def draw(
     save(canvas, path, COLOURS)
 
 
-def _limits(panels: Sequence[Panel]) -> Limits:
+def _limits(panels: Sequence[PointPanel]) -> Limits:
     flat = np.concatenate([layer.flat for panel in panels for layer in panel.layers])
     low, high = flat.min(axis=0), flat.max(axis=0)
     left, bottom = (low - 0.02 * (high - low)).tolist()
@@ -103,7 +105,7 @@ def _limits(panels: Sequence[Panel]) -> Limits:
     return (left, right), (bottom, top)
 
 
-def _panel(axes: Axes, panel: Panel) -> None:
+def _panel(axes: Axes, panel: PointPanel) -> None:
     if panel.edges is not None:
         axes.add_collection(LineCollection([*panel.edges], colors=EDGE, linewidths=0.7))
     for layer in panel.layers:

@@ -13,7 +13,7 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
-from lidar_outlier_lab.results.papers.panels import Panel, draw, view
+from lidar_outlier_lab.results.papers.panels import PointPanel, draw, view
 from lidar_outlier_lab.results.papers.roc import (
     NEIGHBOURS,
     STATISTICS,
@@ -52,7 +52,7 @@ def section(seed: int, folder: Path) -> str:
     """Judge the tracks, flat and with the speed, easy and as hard as his."""
     rows: list[tuple[str, ...]] = []
     rates: list[tuple[str, ...]] = []
-    views: list[list[Panel]] = []
+    views: list[list[PointPanel]] = []
     for kind, lines in (('easy', bus_tracks.LINES), ('hard', bus_tracks.HARD)):
         for line, how in lines.items():
             track = bus_tracks.track(how, how.outliers, np.random.default_rng([seed, line]))
@@ -108,7 +108,7 @@ def _rates(found: Found) -> list[str]:
     return cells
 
 
-def _views(xyz: Floats, code: Bytes, found: Found) -> list[Panel]:
+def _views(xyz: Floats, code: Bytes, found: Found) -> list[PointPanel]:
     """Show a track before and after SOR2 with three neighbours, at its best threshold."""
     values = statistics(Neighbourhood(xyz, NEIGHBOURS[0]), NEIGHBOURS[0])['SOR2']
     kept = values < found.best_of['SOR2'][0].threshold

@@ -16,7 +16,7 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import published
-from lidar_outlier_lab.results.papers.panels import GreyImage, Layer, Panel, draw, draw_images
+from lidar_outlier_lab.results.papers.panels import GreyImage, Layer, PointPanel, draw, draw_images
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
 
 if TYPE_CHECKING:
@@ -166,10 +166,12 @@ def _figure_3(city: surface_truth.City, factor: Floats, folder: Path) -> None:
     draw([rows], folder / 'sotoodeh2006_figure_3.png', ('x, m', 'y, m'), row=7.0)
 
 
-def _classes(title: str, flat: Floats, code: Ints, names: Mapping[str, str]) -> Panel:
+def _classes(title: str, flat: Floats, code: Ints, names: Mapping[str, str]) -> PointPanel:
     """Show points by their class, (N,): the index of a name, which has a colour."""
     parts = enumerate(names.items())
-    return Panel(title, [Layer(flat[code == k], colour, 0.8, name) for k, (name, colour) in parts])
+    return PointPanel(
+        title, [Layer(flat[code == k], colour, 0.8, name) for k, (name, colour) in parts]
+    )
 
 
 def _figure_4(seed: int, folder: Path) -> str:
