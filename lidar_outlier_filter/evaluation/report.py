@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,17 @@ if TYPE_CHECKING:
 
 STRETCHES = 20  # that a recording is cut into
 RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
+# The shares of a :class:`Confusion`: their titles, and of which points they are a share.
+SHARES = {
+    'prevalence': ('outliers', 'cloud'),
+    'recall': ('outliers identified, recall', 'outliers'),
+    'misses': ('outliers missed', 'outliers'),
+    'false_rejections': ('non-outliers identified', 'good'),
+    'identified': ('identified', 'cloud'),
+    'alpha_error': ('wrongly identified, α-error', 'cloud'),
+    'beta_error': ('missed, β-error', 'cloud'),
+    'precision': ('rightly identified, precision', 'rejected'),
+}
 
 
 @dataclass(frozen=True)
@@ -144,77 +155,36 @@ def _detectors(points: Judged) -> dict[str, Confusion]:
 
 
 def to_json(result: Evaluation) -> dict[str, Any]:
-    """Put all of it into what JSON knows; what is not a number is null."""
-    answer = _confusion_to_json(result.whole)
-    answer['f1_interval'] = _numbers(result.f1_interval)
-    answer['confidence'] = CONFIDENCE
-    answer['stretches'] = result.stretches.tolist()
-    for name in ('causes', 'surfaces'):
-        shares: Mapping[str, Share] = getattr(result, name)
-        answer[name] = {key: _share_to_json(one) for key, one in shares.items()}
-    for name in ('ranges', 'detectors'):
-        groups: Mapping[str, Confusion] = getattr(result, name)
-        answer[name] = {key: _confusion_to_json(one) for key, one in groups.items()}
+    """Write all of it in the types of JSON; NaN and infinity are null."""
+    groups = ('f1_interval', 'stretches', 'causes', 'surfaces', 'ranges', 'detectors')
+    found: dict[str, Any] = {
+        **_to_json(result.whole),
+        'confidence': CONFIDENCE,
+        **{name: _to_json(getattr(result, name)) for name in groups},
+    }
     if result.untested is not None:
-        answer['untested'] = {'points': result.untested.total, 'outliers': result.untested.part}
-    if result.curve is not None:
-        answer |= _curve_to_json(result.curve)
-    return answer
+        found['untested'] = {'points': result.untested.total, 'outliers': result.untested.part}
+    if whole := result.curve:
+        # Areas under the whole curve, and enough of its points for any picture.
+        thinned = whole.thinned()
+        names = ('threshold', 'found', 'lost', 'recall', 'false_rejections', 'precision')
+        found |= {'auc': whole.auc, 'average_precision': whole.average_precision}
+        found['curve'] = {name: _to_json(getattr(thinned, name)) for name in names}
+    return found
 
 
-def _confusion_to_json(counts: Confusion) -> dict[str, Any]:
-    shares = (
-        'precision',
-        'recall',
-        'false_rejections',
-        'misses',
-        'prevalence',
-        'identified',
-        'alpha_error',
-        'beta_error',
-    )
-    return {
-        'found': counts.found,
-        'missed': counts.missed,
-        'lost': counts.lost,
-        'kept': counts.kept,
-        'f1': _number(counts.f1),
-        **{name: _share_to_json(getattr(counts, name)) for name in shares},
-    }
-
-
-def _share_to_json(share: Share) -> dict[str, Any]:
-    return {
-        'part': share.part,
-        'total': share.total,
-        'share': _number(share.ratio),
-        'interval': _numbers(share.interval),
-    }
-
-
-def _curve_to_json(whole: Curve) -> dict[str, Any]:
-    """Give areas under the whole curve, and the curve itself in points enough for any picture."""
-    some = whole.thinned()
-    return {
-        'auc': whole.auc,
-        'average_precision': whole.average_precision,
-        'curve': {
-            'threshold': _numbers(some.threshold),
-            'found': some.found.astype(np.int64).tolist(),
-            'lost': some.lost.astype(np.int64).tolist(),
-            'recall': some.recall.tolist(),
-            'false_rejections': some.false_rejections.tolist(),
-            'precision': some.precision.tolist(),
-        },
-    }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [_number(float(value)) for value in values]
+def _to_json(value: Any) -> Any:
+    if isinstance(value, Confusion):
+        shares = {name: _to_json(getattr(value, name)) for name in SHARES}
+        return {**asdict(value), 'f1': _to_json(value.f1), **shares}
+    if isinstance(value, Share):
+        share, interval = _to_json(value.ratio), _to_json(value.interval)
+        return {'part': value.part, 'total': value.total, 'share': share, 'interval': interval}
+    if isinstance(value, dict):
+        return {key: _to_json(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | tuple | list):
+        return [_to_json(one) for one in np.asarray(value).tolist()]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def tables(result: Evaluation) -> list[Table]:
@@ -246,18 +216,10 @@ def _figures(result: Evaluation) -> Table:
     answer = _table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
     whole = result.whole
     answer.add_row('points', f'{whole.total:,}')
-    for name, share, of in (
-        ('outliers', whole.prevalence, 'cloud'),
-        ('outliers identified, recall', whole.recall, 'outliers'),
-        ('outliers missed', whole.misses, 'outliers'),
-        ('non-outliers identified', whole.false_rejections, 'good'),
-        ('identified', whole.identified, 'cloud'),
-        ('wrongly identified, α-error', whole.alpha_error, 'cloud'),
-        ('missed, β-error', whole.beta_error, 'cloud'),
-        ('rightly identified, precision', whole.precision, 'rejected'),
-    ):
+    for name, (title, of) in SHARES.items():
+        share: Share = getattr(whole, name)
         limits = _limits(share.interval)
-        answer.add_row(name, f'{share.part:,}', percent(share.ratio), of, limits)
+        answer.add_row(title, f'{share.part:,}', percent(share.ratio), of, limits)
     answer.add_row('F1', '', percent(whole.f1), '', _limits(result.f1_interval))
     if result.untested is not None:
         unknown = result.untested

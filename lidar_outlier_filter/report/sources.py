@@ -38,6 +38,7 @@ SAVED = {
     'class': (CLASSIFICATION,),
     'gps_time': ('gps_time',),
     'return_number': ('return_number', 'returnnumber'),
+    **{name: (name,) for name in ('red', 'green', 'blue')},
 }
 MAX_GAPS = 50  # that are listed
 

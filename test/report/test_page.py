@@ -417,12 +417,23 @@ def test_a_file_in_feet(tmp_path: Path, browser: Browser) -> None:
     las.intensity = rng.integers(0, 60_000, len(xyz))
     las.gps_time = 245_000.0 + 1e-5 * np.arange(len(xyz))
     las.return_number, las.classification = np.arange(len(xyz)) % 5, np.full(len(xyz), 2)
+    las.red, las.green, las.blue = (np.full(len(xyz), part << 8) for part in (0x20, 0xC0, 0x40))
     las.write(str(path := tmp_path / 'feet.las'))
     found = gather(FileSource(path, FilterParameters(), truth=(path, '')), ALL_BUT_0, 10**6)
     write_page(found, tmp_path / 'report.html')
     with opened(browser, tmp_path / 'report.html', DESKTOP) as page:
         wait_for_drawing(page)
         assert 'as in the file, ft' in text_of(page, '#found')
+        for label, colour, legend in (
+            ('RGB', '#20c040', 'rejected'),
+            ('class', '#e69f00', 'class 2'),
+            ('return number', '#009e73', 'return 4'),
+        ):
+            assert near(pixels(page), colour) < 20
+            page.locator('#mode').select_option(label=label)
+            wait_for_drawing(page)
+            assert near(pixels(page), colour) > 300
+            assert legend in text_of(page, '#legend')
         page.locator('#groups button').first.click()
         x, y, z = las.xyz[17]
         assert f'{x:.1f}, {y:.1f}, {z:.1f} ft' in text_of(page, '#groups')

@@ -3,7 +3,7 @@
 
 // The colours of points, and the legend that says what they mean.
 
-import { DETECTOR, HEIGHT, NEAR, ONLY_CLEANED, REASON, SCORE, TRUTH, inFile, node, unitOf } from 'data';
+import { CLASS, COLOUR_COLUMNS, DETECTOR, HEIGHT, NEAR, ONLY_CLEANED, REASON, RETURN, SCORE, TRUTH, inFile, node, unitOf } from 'data';
 
 // Okabe and Ito, without the colour that stands for "rejected".
 const REASON_COLOURS = ['#d55e00', '#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9'];
@@ -48,6 +48,27 @@ function palette({ header }, state) {
 // The default's colour is black, which nobody sees on a dark ground.
 const detectorColour = (one) => (one.colour === '#000000' ? style('--rejected') : one.colour);
 
+// Values of a column, up to so many, for a legend.
+const MAX_VALUES = 12;
+const valueColour = (value) => REASON_COLOURS[Number(value) % REASON_COLOURS.length];
+function valuesOf(data, name) {
+  const found = new Set();
+  for (const frame of data.frames) for (const value of frame.columns[name]) found.add(Number(value));
+  return [...found].sort((a, b) => a - b).slice(0, MAX_VALUES);
+}
+
+// What writes the colour of a point by columns: a colour for each value, or red, green and blue.
+export function tintOf(data, mode) {
+  const names = COLOUR_COLUMNS[mode];
+  if (names.length === 1) {
+    const table = REASON_COLOURS.map((text) => rgb(text).map((value) => Math.round(255 * value)));
+    return (columns, i, out) => out.set(table[Number(columns[names[0]][i]) % table.length], 4 * i);
+  }
+  // Files hold 8 or 16 bits.
+  const large = data.frames.some((frame) => names.some((name) => frame.columns[name].some((value) => value > 255)));
+  return (columns, i, out) => names.forEach((name, c) => { out[4 * i + c] = large ? columns[name][i] >> 8 : columns[name][i]; });
+}
+
 export function colours(data, state) {
   const named = { low: '--low', high: '--high', rejectedColour: '--rejected', nearColour: '--near', missedColour: '--missed', lostColour: '--lost' };
   const found = Object.fromEntries(Object.entries(named).map(([name, variable]) => [name, rgb(style(variable))]));
@@ -68,6 +89,9 @@ export function legend(parent, data, state, view, near) {
     ramp('viridis', heights[0], `${heights[1]} ${unitOf(data.header).replace(/.*z in /, '')}`);
   }
   if (state.mode === SCORE) ramp('cividis', 'score 0', '1');
+  if (state.mode === CLASS || state.mode === RETURN) {
+    for (const value of valuesOf(data, COLOUR_COLUMNS[state.mode][0])) dot(valueColour(value), `${state.mode === CLASS ? 'class' : 'return'} ${value}`);
+  }
   if (state.mode === DETECTOR) {
     for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
   } else if (state.mode === REASON) {

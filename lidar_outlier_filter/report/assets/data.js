@@ -9,8 +9,10 @@ export const SCORE_UNIT = 256;
 export const LARGEST_SCORE = (UNTESTED - 1) / SCORE_UNIT; // and larger ones
 export const BAD = 2;
 export const [ALL, NEAR, ONLY_REJECTED, ONLY_CLEANED] = [0, 1, 2, 3]; // what is shown
-export const MODES = ['intensity', 'height', 'score', 'detector', 'strongest reason', 'truth'];
-export const [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON, TRUTH] = MODES.keys();
+export const MODES = ['intensity', 'height', 'score', 'detector', 'strongest reason', 'truth', 'class', 'return number', 'RGB'];
+export const [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON, TRUTH, CLASS, RETURN, RGB] = MODES.keys();
+// The columns that give points their colour.
+export const COLOUR_COLUMNS = { [CLASS]: ['class'], [RETURN]: ['return_number'], [RGB]: ['red', 'green', 'blue'] };
 const TYPES = {
   f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
   i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array,

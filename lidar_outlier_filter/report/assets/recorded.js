@@ -3,7 +3,7 @@
 
 // The page of a recording or a file.
 
-import { MODES, REASON, TRUTH, at, isRejected, load, measure, node, stepBit } from 'data';
+import { COLOUR_COLUMNS, MODES, REASON, TRUTH, at, isRejected, load, measure, node, stepBit } from 'data';
 import { Charts, count, percent } from 'charts';
 import { reasonColours } from 'colours';
 import { connect, findGroups } from 'groups';
@@ -238,6 +238,7 @@ function drawn(number) {
 
 function modes() {
   const known = { [REASON]: reasonColours(data, {}).length > 0, [TRUTH]: data.header.hasTruth };
+  for (const [mode, names] of Object.entries(COLOUR_COLUMNS)) known[mode] = names.every((name) => data.frames[0].columns[name]);
   return [...MODES.keys()].filter((mode) => known[mode] ?? true);
 }
 

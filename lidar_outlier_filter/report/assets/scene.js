@@ -137,6 +137,16 @@ export class View {
     this.draw();
   }
 
+  // Colour each point by its columns; `write` puts the red, green and blue of a point into an array.
+  setTints(write) {
+    for (const { geometry, userData } of this.objects) {
+      const tints = new Uint8Array(4 * userData.frame.count);
+      for (let i = 0; i < userData.frame.count; i += 1) write(userData.frame.columns, i, tints);
+      geometry.setAttribute('tint', new BufferAttribute(tints, 4, true));
+    }
+    this.draw();
+  }
+
   set(name, value) {
     this.shared[name].value = value;
     this.draw();

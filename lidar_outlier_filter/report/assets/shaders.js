@@ -11,6 +11,7 @@ export const VERTEX = `
 precision highp float;
 precision highp int;
 in uvec4 position;
+in vec4 tint;
 uniform mat4 modelViewMatrix, projectionMatrix;
 uniform vec3 origin, unit;
 uniform uint bit, nearBits, hidden, stepNumber;
@@ -21,7 +22,7 @@ uniform vec3 low, high, rejectedColour, nearColour, missedColour, lostColour;
 uniform sampler2D palette;
 flat out vec3 colour;
 flat out float dot_;
-const int INTENSITY = 0, HEIGHT = 1, SCORE = 2, DETECTOR = 3, REASON = 4, TRUTH = 5;
+const int INTENSITY = 0, HEIGHT = 1, SCORE = 2, DETECTOR = 3, REASON = 4, TRUTH = 5, CLASS = 6;
 void main() {
   uvec3 steps = uvec3(position.x & 0x1FFFFFu,
                       (position.x >> 21) | ((position.y & 0x3FFu) << 11),
@@ -38,9 +39,9 @@ void main() {
   } else if (mode == SCORE) {
     if ((word & 0x3FFu) != 1023u)
       colour = texelFetch(palette, ivec2(int(clamp(score, 0.0, 1.0) * 255.0), 1), 0).rgb;
-  } else if (mode == DETECTOR || mode == REASON) {
-    colour = mix(low, high, 0.3);
-  } else if (mode == TRUTH) {
+  } else if (mode >= CLASS) {
+    colour = tint.rgb;
+  } else if (mode >= DETECTOR) {
     colour = mix(low, high, 0.3);
   }
   vec3 top = rejectedColour;

@@ -3,8 +3,8 @@
 
 // The picture and its controls, of recorded and live points: view, colours, keys, the chosen point.
 
-import { ALL, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, position, samePointLine, visitSample } from 'data';
-import { colours, legend } from 'colours';
+import { ALL, COLOUR_COLUMNS, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, position, samePointLine, visitSample } from 'data';
+import { colours, legend, tintOf } from 'colours';
 import { Map2D, scaleBar } from 'map';
 import { element } from 'charts';
 import { clearPoint, showPoint } from 'panel';
@@ -197,6 +197,7 @@ export class Stage {
     for (const name of ['mode', 'show']) {
       at(name).addEventListener('change', () => {
         state[name] = Number(at(name).value);
+        if (COLOUR_COLUMNS[state.mode]) this.view?.setTints(tintOf(this.data, state.mode));
         this.view?.set(name, state[name]);
         this.legend();
       });
