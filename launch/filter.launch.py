@@ -16,8 +16,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
-from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.executable import split_namespaces
+from lidar_outlier_filter.ros.executable import split_files, split_namespaces
 from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log
@@ -125,8 +124,8 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
         arguments += ['--page', argument['page_port']]
     nodes = []
     namespaces = split_namespaces(argument['namespace'], topics)
-    files = parameter_files(argument['params_file'], len(namespaces))
-    for namespace, own in zip(namespaces, files, strict=True):
+    files = split_files(argument['params_file'], len(namespaces))
+    for namespace, path in zip(namespaces, files, strict=True):
         common: dict[str, Any] = {'namespace': namespace, 'additional_env': environment}
         if argument['rviz'] == 'true':
             nodes.append(viewer(topics[0], argument['fixed_frame'], use_sim_time, common))
@@ -135,7 +134,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
                 package='lidar_outlier_filter',
                 executable='outlier_filter_node',
                 name=NODE_NAME,
-                parameters=[*parameters, *own],
+                parameters=[*parameters, *([ParameterFile(path)] if path else [])],
                 remappings=remappings(topics[0]) if len(topics) == 1 else [],
                 arguments=arguments,
                 ros_arguments=['--log-level', argument['log_level']],
@@ -145,19 +144,6 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
             )
         )
     return nodes
-
-
-def parameter_files(text: str, count: int) -> list[list[ParameterFile]]:
-    """List the parameter file of each namespace: one for all, or several with commas between."""
-    paths = [path.strip() for path in text.split(',')] if text else []
-    if len(paths) not in {0, 1, count}:
-        must_be = f'one file, or one for each of {count} namespaces'
-        raise ParameterError('params_file', must_be, repr(text))
-    for path in paths:
-        if not Path(path).is_file():  # launch_ros would warn, and start with the defaults
-            raise ParameterError('params_file', 'a file that exists', repr(path))
-    files = [[ParameterFile(path)] for path in paths] or [[]]
-    return files if len(files) == count else files * count
 
 
 def viewer(topic: str, frame: str, use_sim_time: ParameterValue, common: dict[str, Any]) -> Node:

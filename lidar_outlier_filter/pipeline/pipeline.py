@@ -25,7 +25,7 @@ from lidar_outlier_filter.pipeline.motion import PoseQueue
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.core.points.points import Points
@@ -50,10 +50,7 @@ class _PendingCloud(StreamCloud):
 
 @dataclass(frozen=True)
 class SplitCloud:
-    """The two clouds that one cloud was split into, and the tag that it came with.
-
-    Clouds are of the kind that was given. A cloud that is not requested is None.
-    """
+    """A cloud's two parts, of its own kind, and its tag; a part that is not requested is None."""
 
     cleaned: Any
     outliers: Any
@@ -131,8 +128,6 @@ class Pipeline:
             make_ready(parameters)
         self._set_chain(self._blocks.chain)
 
-    # Clouds ---------------------------------------------------------------------------------------
-
     def process(
         self,
         cloud: Any,
@@ -179,49 +174,43 @@ class Pipeline:
                 )
             )
             # Move: each point to the fixed frame, once the pose at its own time is known.
-            for moved in self._queue.ready():
-                # Blocks: each complete one goes, with its halo, through the chain of detectors.
-                self._judge(moved, entered)
+            moved = self._queue.ready()
+            # Blocks: each complete one goes, with its halo, through the chain of detectors.
+            self._judge(moved, entered)
         # Verdict: a cloud is finished when all its points have one.
-        finished = self._take_finished()
         # Split: cleaned and outliers, every point in one of them, byte for byte.
-        return self._split(finished)
+        return self._split()
 
     def advance(self) -> list[SplitCloud]:
         """Return the clouds that new poses, or a refused cloud, have completed."""
-        for moved in self._queue.ready():
-            self._judge(moved)
-        return self._split(self._take_finished())
+        self._judge(self._queue.ready())
+        return self._split()
 
     def flush_pending(self) -> list[SplitCloud]:
         """Return all pending clouds, judged with the poses and points that have arrived."""
-        for moved in self._queue.release_all():
-            self._judge(moved)
+        self._judge(self._queue.release_all())
         self._finished += self._blocks.flush_pending()
-        return self._split(self._take_finished())
+        return self._split()
 
     def release_oldest(self) -> list[SplitCloud]:
         """Return the oldest pending cloud; clouds behind it may wait for their poses."""
         if not self._blocks.pending and self._queue.clouds:
-            self._judge(self._queue.release())
-            for moved in self._queue.ready():
-                self._judge(moved)
+            self._judge([self._queue.release()])
+            self._judge(self._queue.ready())
         self._finished += self._blocks.flush_pending()
-        return self._split(self._take_finished())
+        return self._split()
 
     def flush(self) -> list[SplitCloud]:
         """Return all pending clouds, and reset: the end of a recording."""
         self._decoder.reset()
         self._end_stream()
-        return self._split(self._take_finished())
+        return self._split()
 
     def reset(self) -> list[SplitCloud]:
         """Return all pending clouds, and reset, because the clock was set back."""
         self._blocks.resets += 1
         self._end_stream()
-        return self._split(self._take_finished())
-
-    # State ----------------------------------------------------------------------------------------
+        return self._split()
 
     @property
     def parameters(self) -> FilterParameters:
@@ -253,8 +242,6 @@ class Pipeline:
     def has_line_detectors(self) -> bool:
         """Whether the detectors that judge each scan line by itself can do without the others."""
         return self._line_chain is not None
-
-    # Settings -------------------------------------------------------------------------------------
 
     def use_chain(self, chain: Chain) -> None:
         """Judge the next blocks by a chain in place of that of the parameters."""
@@ -296,8 +283,6 @@ class Pipeline:
         self.statistics.refusals.note(err.what)
         self.refuse(err)
 
-    # Steps ----------------------------------------------------------------------------------------
-
     def _without_points(self, msg: Any) -> Points:
         view = self._decoder.view(msg)
         return missing(0 if view is None else view.size)
@@ -310,24 +295,23 @@ class Pipeline:
             self._blocks.resets += 1
             self._end_stream()
         self._queue.newest = max(self._queue.newest, cloud.last)
-        for moved in self._queue.ready():
-            self._judge(moved)
+        self._judge(self._queue.ready())
         self._blocks.make_room(cloud, self._queue.points)
         self._queue.append(cloud)
         return cloud
 
-    def _judge(self, cloud: _PendingCloud, entered: _PendingCloud | None = None) -> None:
-        """Judge the blocks that a cloud completes; its refusal is raised if it has just entered."""
-        try:
-            self._finished += self._blocks.push(cloud)
-        except CloudError as err:
-            if cloud is entered:
-                raise
-            self.refused(err)
+    def _judge(self, clouds: Iterable[_PendingCloud], entered: _PendingCloud | None = None) -> None:
+        """Judge the blocks that clouds complete; raise the refusal of one that has just entered."""
+        for cloud in clouds:
+            try:
+                self._finished += self._blocks.push(cloud)
+            except CloudError as err:
+                if cloud is entered:
+                    raise
+                self.refused(err)
 
     def _end_stream(self) -> None:
-        for moved in self._queue.release_all():
-            self._judge(moved)
+        self._judge(self._queue.release_all())
         self._finished += self._blocks.flush()
         self._queue.reset()
 
@@ -345,9 +329,9 @@ class Pipeline:
         chain.ways.clear()
         return finished
 
-    def _split(self, finished: list[_PendingCloud]) -> list[SplitCloud]:
-        """Split the finished clouds; there is nothing for a refused one."""
-        return [self._split_one(cloud) for cloud in finished if self._note(cloud)]
+    def _split(self) -> list[SplitCloud]:
+        """Split the clouds that were finished; there is nothing for a refused one."""
+        return [self._split_one(cloud) for cloud in self._take_finished() if self._note(cloud)]
 
     def _note(self, cloud: _PendingCloud) -> bool:
         """Count and show a finished cloud; return False for a refused one."""
@@ -378,8 +362,6 @@ class Pipeline:
             requested=self.requested_outputs,
         )
         return SplitCloud(as_given(cleaned), as_given(outliers), cloud.tag)
-
-    # Counts and reports ---------------------------------------------------------------------------
 
     @contextmanager
     def _counted_refusals(self, undo: Callable[[], object] = tuple) -> Iterator[None]:

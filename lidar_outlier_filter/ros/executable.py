@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import ParameterError
@@ -81,6 +82,26 @@ def split_namespaces(text: str, topics: Iterable[str]) -> list[str]:
                 must_be = 'without a leading slash, because namespace names several'
                 raise ParameterError('input_topic', must_be, repr(topic))
     return names
+
+
+def split_files(text: str, count: int) -> list[str]:
+    """Return the parameter file of each of ``count`` namespaces; '' where there is none.
+
+    Raises
+    ------
+    ParameterError
+        If there are more files than one and fewer or more than namespaces, or one does not exist.
+
+    """
+    paths = [path.strip() for path in text.split(',')]
+    if len(paths) not in {1, count}:
+        must_be = f'one file, or one for each of the {count} namespaces'
+        raise ParameterError('params_file', must_be, repr(text))
+    for path in paths:
+        # launch_ros would warn of it, and start with the defaults.
+        if path and not Path(path).is_file():
+            raise ParameterError('params_file', 'a file that exists', repr(path))
+    return paths if len(paths) == count else paths * count
 
 
 if __name__ == '__main__':

@@ -5,11 +5,15 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 import pytest
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.executable import split_namespaces
+from lidar_outlier_filter.ros.executable import split_files, split_namespaces
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize(
@@ -42,3 +46,17 @@ def test_namespaces_that_are_not_different(text: str) -> None:
     """Two nodes of one name would answer for each other."""
     with pytest.raises(ParameterError, match=r'^namespace must be different names with commas'):
         split_namespaces(text, ['points'])
+
+
+def test_a_file_for_each_namespace(tmp_path: Path) -> None:
+    """One for all, or one for each; a file that does not exist is refused."""
+    left, right = (tmp_path / name for name in ('left.yaml', 'right.yaml'))
+    for path in (left, right):
+        path.touch()
+    assert split_files('', 2) == ['', '']
+    assert split_files(str(left), 2) == [str(left)] * 2
+    assert split_files(f'{left}, {right}', 2) == [str(left), str(right)]
+    with pytest.raises(ParameterError, match=r'^params_file must be one file, or one for each of'):
+        split_files(f'{left},{right}', 3)
+    with pytest.raises(ParameterError, match=r'^params_file must be a file that exists'):
+        split_files(f'{left},{tmp_path}/none.yaml', 2)
