@@ -47,6 +47,7 @@ class Convention:
     line_source: str
     line_field: str | None
     missing: str = ''
+    is_final: bool = True  # False where all times were 0, which have no unit
 
     @property
     def has_rings(self) -> bool:
@@ -171,9 +172,10 @@ class Decoder:
 
     def _convention(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention | None:
         """Return how clouds of this layout are read; None where no point tells."""
-        if view.dtype in self._found:
-            return self._found[view.dtype]
-        if len(self._found) == MAX_LAYOUTS:
+        found = self._found.get(view.dtype)
+        if found is not None and (found.is_final or not valid.any()):
+            return found
+        if found is None and len(self._found) == MAX_LAYOUTS:
             must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
             raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
         return self._find_out(view, valid) if valid.any() else None
@@ -181,11 +183,11 @@ class Decoder:
     def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Read all clouds of this layout in the same way, and report it once."""
         self.convention = convention
-        if dtype in self._found:
-            return
+        before = self._found.get(dtype)
         self._found[dtype] = convention
-        self._inform(str(convention))
-        if convention.missing:
+        if before is None or str(before) != str(convention):
+            self._inform(str(convention))
+        if before is None and convention.missing:
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.missing}')
 
@@ -201,7 +203,7 @@ class Decoder:
     def _find_out(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
-        missing = []
+        missing, is_final = [], True
         time_field = _choose(view, parameters.time_field, TIME_NAMES, 'time_field', 'iuf')
         unit, absolute = parameters.time_unit, parameters.time_reference == 'absolute'
         if time_field is None:
@@ -216,6 +218,7 @@ class Decoder:
             )
         else:
             values = np.abs(_column(view, time_field)[valid].astype(np.float64))
+            is_final = 'auto' not in {unit, parameters.time_reference} or bool(values.any())
             unit = guess_unit(view.dtype[time_field], values) if unit == 'auto' else unit
             if parameters.time_reference == 'auto':
                 largest = float(np.nanmax(values, initial=0))
@@ -231,7 +234,8 @@ class Decoder:
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
             if source != 'field':
                 missing.append(f'no line field: each {source} is a scan line (line_source)')
-        found = Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
+        about = '; '.join(missing)
+        found = Convention(time_field, unit, absolute, source, line_field, about, is_final)
         if self._mask is not None and not found.has_rings:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
         return found

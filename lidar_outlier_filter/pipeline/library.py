@@ -41,7 +41,7 @@ class CloudFilter(Pipeline):
     inform, warn : callable, optional
         Called once with a sentence that says how the clouds are read and judged, and what they
         lack.
-    chain : sequence of str, optional
+    chain : str or sequence of str, optional
         The detectors, in their order; short for ``chain`` in ``parameters``.
 
     Attributes
@@ -84,7 +84,7 @@ class CloudFilter(Pipeline):
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
         *,
-        chain: Sequence[str] | None = None,
+        chain: str | Sequence[str] | None = None,
     ) -> None:
         """Make all kernels ready."""
         super().__init__(gather(parameters, chain), inform, warn)
@@ -128,7 +128,7 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     t: ArrayLike | None = None,
     line: ArrayLike | None = None,
     intensity: ArrayLike | None = None,
-    chain: Sequence[str] | None = None,
+    chain: str | Sequence[str] | None = None,
     parameters: FilterParameters | Mapping[str, object] | None = None,
 ) -> Verdict:
     """Find the outliers of a cloud, all of whose points are judged together.
@@ -146,7 +146,7 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
         profile scanner.
     intensity : (N,) array, optional
         Intensity of each point, in any unit; NaN where it is not known.
-    chain : sequence of str, optional
+    chain : str or sequence of str, optional
         The detectors, in their order: ``alpha_beta_gamma``, ``quadric``, ``lof``, ``sor``,
         ``hierarchical``, ``elevation``, ``boosted_trees``. The first needs ``t`` and ``line``.
         The last, which is the default, uses them where they are given.
@@ -298,14 +298,14 @@ def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
     return array
 
 
-def gather(parameters: object, chain: Sequence[str] | None = None) -> FilterParameters:
+def gather(parameters: object, chain: str | Sequence[str] | None = None) -> FilterParameters:
     """Return parameters; those that are not given have their defaults.
 
     Parameters
     ----------
     parameters : mapping of flat names to values, or FilterParameters; optional
         Values may be numpy's numbers.
-    chain : sequence of str, optional
+    chain : str or sequence of str, optional
         The detectors, in their order.
 
     Raises
@@ -314,6 +314,7 @@ def gather(parameters: object, chain: Sequence[str] | None = None) -> FilterPara
         If a name is unknown, a value is invalid, or the chain is given twice.
 
     """
+    chain = [chain] if isinstance(chain, str) else chain
     if isinstance(parameters, FilterParameters):
         return parameters if chain is None else parameters.changed({'chain': chain})
     if not isinstance(parameters, Mapping | None):

@@ -138,6 +138,17 @@ def test_parameters_override(kind: str, unit: str, reference: str, start: int) -
     assert decode(cloud(rows), **values).t.tolist() == exact(rows['clock'], unit, start)
 
 
+def test_times_of_zero_tell_no_unit() -> None:
+    """A short first message at time 0 leaves the unit open: the next one tells it."""
+    reader, informed, _ = decoder()
+    reader.decode(cloud(table(2, time=('f8', [0, 0]))))
+    later = cloud(table(COUNT, time=('f8', np.arange(COUNT) * 1e5)), STAMP)
+    assert (np.diff(reader.decode(later).t) == 100_000).all()
+    assert ['(ns, ' in text for text in informed] == [False, True]
+    reader.decode(cloud(table(2, time=('f8', [0, 9]))))
+    assert len(informed) == 2
+
+
 def test_units_of_functions() -> None:
     """The guess depends on type and size, as its docstring says; invalid points count nothing."""
     guesses = [

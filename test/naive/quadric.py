@@ -513,10 +513,19 @@ def sections(
                 own[i] = score
             elif score <= 1:
                 others[i].append(score)
-    return [
+    scores = [
         score if score <= 1 or not other else min(other)
         for score, other in zip(own, others, strict=True)
     ]
+    return shared(places, scores)
+
+
+def shared(places: Floats, scores: Sequence[float]) -> list[float]:
+    """Give coincident points the least of their scores; NaN does not count."""
+    groups: dict[tuple[float, ...], list[float]] = {}
+    for place, score in zip(places, scores, strict=True):
+        groups.setdefault(tuple(place + 0.0), []).append(score)
+    return [float(np.fmin.reduce(groups[tuple(place + 0.0)])) for place in places]
 
 
 def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[float]:
@@ -533,4 +542,4 @@ def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[flo
         window = sorted([i, *others[:k]], key=rank.__getitem__)
         scores = judge(places[window], rules)
         result.append(scores[window.index(i)])
-    return result
+    return shared(places, result)

@@ -231,6 +231,7 @@ def test_chain_and_parameters() -> None:
     assert_same(detect_outliers(xyz, parameters=whole), expected)
     other = detect_outliers(xyz, parameters=whole, chain=['sor'])
     assert_same(other, detect_outliers(xyz, chain=['sor']))
+    assert_same(detect_outliers(xyz, parameters=whole, chain='sor'), other)
     assert CloudFilter(whole).parameters == whole
     assert CloudFilter({'lof.threshold': 1.5}, chain=['lof']).parameters == whole
     assert CloudFilter().parameters == FilterParameters()

@@ -119,7 +119,8 @@ def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
 def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original: Ints) -> int:
     """Write which return each sorted one is a copy of, or its own index; count the copies.
 
-    Of several at one place the brightest is the original, so that the order given does not matter.
+    Of several at one place the brightest is the original, so that the order given does not matter;
+    one of unknown intensity only where all are unknown.
     """
     xyz, _, order, first = lines
     count = 0
@@ -136,8 +137,8 @@ def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original
                 continue
             count += 1
             best = original[begin]
-            if len(intensity) > 0 and intensity[i] > intensity[best]:
-                best = i
+            if len(intensity) > 0 and not np.isnan(intensity[i]):
+                best = best if intensity[best] >= intensity[i] else i
             original[begin : k + 1] = best
     return count
 

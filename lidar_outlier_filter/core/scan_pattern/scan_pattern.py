@@ -286,7 +286,7 @@ def _look(lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats
     for k in range(begin, end):
         i = order[k]
         azimuth[k] = arctangent(xyz[i, 1], xyz[i, 0])
-        up[k] = xyz[i, 2] / distance[i]
+        up[k] = xyz[i, 2] / distance[i] if distance[i] > 0 else np.nan
 
 
 @kernel

@@ -184,11 +184,21 @@ def test_against_the_ground_equals_naive(seed: int, sides: str) -> None:
         np.testing.assert_allclose(detect(xyz, parameters), expected, rtol=1e-9, atol=1e-9)
 
 
-def test_a_cloud_that_is_spread_too_widely_is_refused() -> None:
-    """One stray point 100 km away would ask for gigabytes."""
+@pytest.mark.parametrize('far', [1e5, -1e20])
+def test_a_stray_point_far_off_on_the_map(far: float) -> None:
+    """It is an outlier, and the others are judged as without it."""
     xyz = town(1)
-    xyz[5, :2] = 1e5, 1e5
-    with pytest.raises(FilterError, match='large enough for at most 16 cells a point, got 50'):
+    xyz[5, :2] = far
+    score = detect(xyz, GROUND)
+    assert np.isfinite(score).all()
+    assert score[5] > 1000
+    np.testing.assert_array_equal(np.delete(score, 5), detect(np.delete(xyz, 5, axis=0), GROUND))
+
+
+def test_a_cloud_that_is_spread_too_widely_is_refused() -> None:
+    """Two towns 100 km apart would take gigabytes."""
+    xyz = np.concatenate([town(1), town(2) + np.array([1e5, 1e5, 0.0])])
+    with pytest.raises(FilterError, match='large enough for at most 16 cells a point, got 2 m for'):
         detect(xyz, GROUND)
 
 

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from helpers.neighbour_clouds import CLOUDS, corner, rotation, scattered
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
@@ -76,6 +77,39 @@ def test_order_does_not_matter(cloud: Cloud, name: str) -> None:
 def test_order_does_not_matter_to_surfaces(name: str) -> None:
     """Nor to surfaces, where no neighbours of a patch tie."""
     test_order_does_not_matter(corner, name)
+
+
+@pytest.mark.slow
+def test_order_of_coincident_points_does_not_matter() -> None:
+    """Each of them may be in the fit of a surface or not; they have one score all the same."""
+    rng = np.random.default_rng(5)
+    floor = np.column_stack([rng.uniform(-3, 3, (1500, 2)), rng.normal(0, 0.02, 1500)])
+    floor[:200, 2] += rng.uniform(0, 3, 200)
+    wall = np.column_stack([rng.uniform(-3, 3, 500), np.zeros(500), rng.uniform(0, 3, 500)])
+    wall[:, 1] = 2 + rng.normal(0, 0.01, 500)
+    xyz = np.concatenate([floor, wall, floor[:700]])
+    order = rng.permutation(len(xyz))
+    scores = detect('section', xyz)
+    assert_array_equal(detect('section', xyz[order]), scores[order])
+    assert_array_equal(scores[-700:], scores[:700])
+
+
+def test_order_of_copies_without_intensity_does_not_matter() -> None:
+    """A copy whose intensity is known stands for the others, whichever comes first."""
+    rng = np.random.default_rng(5)
+    ring, azimuth = np.divmod(np.arange(16 * 400), 400)
+    up, azimuth = np.radians(2.0 * ring - 15), azimuth * np.pi / 200
+    reach = rng.uniform(9, 11, len(up))
+    flat = reach * np.cos(up)
+    turn = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), reach * np.sin(up)])
+    twice = np.concatenate([turn, turn])
+    t = np.arange(len(turn)) % 400 * 200_000
+    given: dict[str, Any] = {'line': np.tile(ring, 2), 't': np.tile(t, 2)}
+    given['intensity'] = np.append(rng.uniform(1, 99, len(turn)), np.full(len(turn), np.nan))
+    order = rng.permutation(len(twice))
+    expected = detect_outliers(twice, **given).score
+    moved = detect_outliers(twice[order], **{name: part[order] for name, part in given.items()})
+    assert_array_equal(moved.score, expected[order])
 
 
 @pytest.mark.parametrize('name', [*DETECTORS, *SURFACES])

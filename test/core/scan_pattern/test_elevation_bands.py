@@ -109,3 +109,9 @@ def test_a_point_at_the_sensor_changes_no_band() -> None:
     found = in_bands(points_of(np.concatenate([xyz, [[1e-200, 0.0, 0.0]]]))).line
     assert len(np.unique(expected)) > 10
     np.testing.assert_array_equal(found[:-1], expected)
+
+
+def test_returns_at_the_sensor_have_no_elevation() -> None:
+    """Where squares of distances are 0 there is no direction, and no warning."""
+    xyz = scattered(3000) * 1e-170
+    assert not detect_outliers(xyz, parameters=FREE).outlier.any()

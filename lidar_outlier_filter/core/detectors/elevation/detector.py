@@ -69,7 +69,9 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
         Statistic ÷ critical value, more than 1 exactly where rejected: for points that are set
         apart their distance from the others ÷ ``gap``; for all others that of (5), which may be
         negative if ``sides`` is not ``both``. NaN for points without k others. Against the ground
-        it is the height above it ÷ ``height``, below it times ``depth_counts``.
+        it is the height above it ÷ ``height``, below it times ``depth_counts``; where a few points
+        are so far off on the map that there were too many cells, it is for these their distance
+        from the others ÷ ``widest``.
 
     Raises
     ------
@@ -125,12 +127,24 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
 def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
     """Score heights above the ground, and depths below it."""
     # SciPy's filters take a third of a second to import, and neighbours need none of them.
-    from lidar_outlier_filter.core.detectors.elevation.ground import heights  # noqa: PLC0415
+    from lidar_outlier_filter.core.detectors.elevation.ground import (  # noqa: PLC0415
+        count_cells,
+        heights,
+        most_cells,
+    )
 
-    height = heights(xyz, parameters.cell, parameters.widest)
+    score = np.zeros(len(xyz))
+    if count_cells(xyz, parameters.cell) > most_cells(len(xyz)):
+        gap = max(parameters.widest, parameters.cell)
+        for axis in range(2):
+            low, high = body(xyz[:, axis], gap)
+            beyond = np.maximum(low - xyz[:, axis], xyz[:, axis] - high)
+            score = np.maximum(score, beyond / gap)
+    near = score <= 0
+    height = heights(xyz[near], parameters.cell, parameters.widest)
     above, below = height, -parameters.depth_counts * height
     sides = {'high': above, 'low': below, 'both': np.maximum(above, below)}
-    score: Floats = sides[parameters.sides] / parameters.height
+    score[near] = sides[parameters.sides] / parameters.height
     return score
 
 

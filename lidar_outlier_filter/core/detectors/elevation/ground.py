@@ -59,16 +59,27 @@ def heights(xyz: Floats, cell: float, widest: float) -> Floats:
        Remote Sensing 41(4), 872-882. https://doi.org/10.1109/TGRS.2003.810682
 
     """
+    if count_cells(xyz, cell) > most_cells(len(xyz)):
+        must_be = f'large enough for at most {MOST_CELLS} cells a point'
+        extent = ' × '.join(f'{side:g}' for side in np.ptp(xyz[:, :2], axis=0))
+        raise FilterError('elevation.cell', must_be, f'{cell:g} m for {extent} m')
     at = (xyz[:, :2] - xyz[:, :2].min(axis=0)) / cell
     shape = at.max(axis=0).astype(np.int64) + 1
-    if float(shape[0]) * float(shape[1]) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
-        must_be = f'large enough for at most {MOST_CELLS} cells a point'
-        raise FilterError('elevation.cell', must_be, f'{shape[0]} × {shape[1]} of {cell:g} m')
     ground = surface(lowest(at, xyz[:, 2], shape), cell, widest)
     height: Floats = xyz[:, 2] - ndimage.map_coordinates(
         ground, at.T - 0.5, order=1, mode='nearest'
     )
     return height
+
+
+def count_cells(xyz: Floats, cell: float) -> float:
+    """Count the cells under a cloud, which may be more than there are integers."""
+    return float(np.prod(np.floor(np.ptp(xyz[:, :2], axis=0) / cell) + 1))
+
+
+def most_cells(count: int) -> int:
+    """Return how many cells a cloud of so many points may have."""
+    return max(FREE_CELLS, MOST_CELLS * count)
 
 
 def lowest(at: Floats, z: Floats, shape: Ints) -> Floats:

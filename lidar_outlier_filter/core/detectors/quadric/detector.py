@@ -69,8 +69,8 @@ def detect(
     Returns
     -------
     (N,) float64
-        In the order in which the points were given: T (31) ÷ its critical value. NaN for points in
-        windows that are undecided.
+        In the order in which the points were given: T (31) ÷ its critical value, the same for
+        coincident points. NaN for points in windows that are undecided.
 
     References
     ----------
@@ -105,6 +105,7 @@ def detect(
         _patches(neighbourhood, place, parameters, xyz, weights, score)
     else:
         _sections(neighbourhood, parameters, xyz, weights, score)
+    share_scores(xyz, score)
     result = np.empty_like(score)
     result[order] = score
     return result
@@ -204,6 +205,22 @@ def _is_before(xyz: Floats, one: int, other: int) -> bool:
         if xyz[one, axis] != xyz[other, axis]:
             return bool(xyz[one, axis] < xyz[other, axis])
     return False
+
+
+@kernel
+def share_scores(xyz: Floats, score: Floats) -> None:
+    """Give coincident points, which follow each other, the least of their scores.
+
+    Each may be in the fit or not, whichever was given first.
+    """
+    begin = 0
+    for i in range(1, len(xyz) + 1):
+        if i < len(xyz) and not (xyz[i] != xyz[begin]).any():
+            continue
+        for k in range(begin + 1, i):
+            score[begin] = np.fmin(score[begin], score[k])
+        score[begin:i] = score[begin]
+        begin = i
 
 
 @kernel
