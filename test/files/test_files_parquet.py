@@ -60,9 +60,9 @@ def test_columns(tmp_path: Path) -> None:
     assert time.dtype == np.int64
 
 
-@pytest.mark.parametrize('compression', ['zstd', 'snappy', 'none'])
+@pytest.mark.parametrize('compression', ['zstd', 'none'])
 def test_unchanged(tmp_path: Path, compression: str) -> None:
-    """A copy without changes has the same content, metadata, row groups and compression."""
+    """Copies have the content of their rows, metadata, row groups and compression."""
     path = make(tmp_path, compression)
     copy = copied(path, Change())
     assert parquet.read_table(copy).equals(parquet.read_table(path), check_metadata=True)
@@ -72,15 +72,10 @@ def test_unchanged(tmp_path: Path, compression: str) -> None:
         one, other = before.row_group(0).column(i), after.row_group(0).column(i)
         assert other.compression == one.compression
         assert other.physical_type == one.physical_type
-
-
-def test_some_rows(tmp_path: Path) -> None:
-    """A copy of some rows has all their columns."""
-    path = make(tmp_path)
     keep = every_third(COUNT)
     keep[300:600] = False
-    copy = copied(path, Change(keep=keep))
     expected = parquet.read_table(path).filter(pa.array(keep))
+    copy = copied(path, Change(keep=keep))
     assert parquet.read_table(copy).equals(expected, check_metadata=True)
 
 
@@ -121,8 +116,9 @@ def test_columns_of_one_name(tmp_path: Path) -> None:
         open_cloud(path)
 
 
-@pytest.mark.parametrize('zone', ['UTC', 'Europe/Zurich', '+02:00'])
-@pytest.mark.parametrize('unit', ['ms', 'us', 'ns'])
+@pytest.mark.parametrize(
+    ('zone', 'unit'), [('UTC', 'ns'), ('Europe/Zurich', 'us'), ('+02:00', 'ms')]
+)
 def test_times_with_a_zone(tmp_path: Path, zone: str, unit: str) -> None:
     """A time with a zone is the same number of nanoseconds since 1970, and is copied as it is."""
     path = tmp_path / 'cloud.parquet'

@@ -81,17 +81,13 @@ def test_clean(tmp_path: Path) -> None:
     assert b'90 90 90' not in cleaned
     log = json.loads((tmp_path / 'two_cleaned.ptx.json').read_text())
     assert (log['points'], log['invalid']) == (203, 1)
-    both = ('both.ptx', 'far.ptx')
-    parts = [str(tmp_path / name) for name in both]
-    assert (
-        main(['clean', '--chain', 'sor', str(path), '--output', parts[0], '--outliers', parts[1]])
-        == 0
-    )
-    assert (tmp_path / 'both.ptx').read_bytes() == cleaned
-    kept, far = (columns(tmp_path / name, 'x')[0] for name in both)
-    whole = columns(path, 'x')[0]
+    both = [tmp_path / name for name in ('both.ptx', 'far.ptx')]
+    outputs = ['--output', str(both[0]), '--outliers', str(both[1])]
+    assert main(['clean', '--chain', 'sor', str(path), *outputs]) == 0
+    assert both[0].read_bytes() == cleaned
+    kept, far = (columns(one, 'x')[0] for one in both)
     assert np.count_nonzero(~np.isnan(far)) == log['rejected']
-    np.testing.assert_array_equal(np.where(np.isnan(far), kept, far), whole)
+    np.testing.assert_array_equal(np.where(np.isnan(far), kept, far), columns(path, 'x')[0])
 
 
 def test_blank_lines(tmp_path: Path) -> None:

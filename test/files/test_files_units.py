@@ -45,16 +45,20 @@ def wkt(text: str) -> tuple[int, bytes]:
     return 2112, text.encode() + b'\0'
 
 
-def test_keys() -> None:
+@pytest.mark.parametrize(
+    ('rows', 'expected'),
+    [
+        ([(1024, 0, 1, 1), (3076, 0, 1, 9002)], dict.fromkeys('xyz', FOOT)),
+        ([(3076, 0, 1, 9003), (4099, 0, 1, 9001)], dict.fromkeys('xy', SURVEY)),
+        ([(4099, 0, 1, 9002)], {'z': FOOT}),
+        # The EPSG numbers of the systems, and no unit.
+        ([(1024, 0, 1, 1), (3072, 0, 1, 2229)], dict.fromkeys('xyz', SURVEY)),
+        ([(3072, 0, 1, 25832), (4096, 0, 1, 8228)], {'z': FOOT}),
+    ],
+)
+def test_keys(rows: list[tuple[int, int, int, int]], expected: dict[str, float]) -> None:
     """The unit of x and y is also that of z, unless there is another."""
-    feet = keys((1024, 0, 1, 1), (3076, 0, 1, 9002))
-    assert metres_per_unit(dict([feet]), HERE, wkt=False) == dict.fromkeys('xyz', FOOT)
-    both = keys((3076, 0, 1, 9003), (4099, 0, 1, 9001))
-    assert metres_per_unit(dict([both]), HERE, wkt=False) == pytest.approx(
-        dict.fromkeys('xy', SURVEY)
-    )
-    up = keys((4099, 0, 1, 9002))
-    assert metres_per_unit(dict([up]), HERE, wkt=False) == {'z': FOOT}
+    assert metres_per_unit(dict([keys(*rows)]), HERE, wkt=False) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -73,16 +77,6 @@ def test_keys() -> None:
 def test_metres(records: list[tuple[int, bytes]]) -> None:
     """Nothing is said, or metres are."""
     assert metres_per_unit(dict(records), HERE, wkt=(2112, b'') in records) == {}
-
-
-def test_systems_by_their_numbers() -> None:
-    """A file may give the EPSG numbers of its systems and no unit."""
-    feet = keys((1024, 0, 1, 1), (3072, 0, 1, 2229))
-    assert metres_per_unit(dict([feet]), HERE, wkt=False) == pytest.approx(
-        dict.fromkeys('xyz', SURVEY)
-    )
-    both = keys((3072, 0, 1, 25832), (4096, 0, 1, 8228))
-    assert metres_per_unit(dict([both]), HERE, wkt=False) == {'z': FOOT}
 
 
 @pytest.mark.parametrize(
