@@ -65,7 +65,7 @@ class CleanReport:
 
     Attributes
     ----------
-    settings : what the outputs depend on: state of the input, options and parameters
+    options : what was done, beside the parameters
     crs, metres : the coordinate system, if the file names one, and metres per unit of coordinates
         in other units
     lines, lack : how scan lines were found, or what the file lacks to have some
@@ -85,10 +85,8 @@ class CleanReport:
     input: str
     outputs: tuple[str, ...]
     started: str
-    settings: Mapping[str, Any]
-    rejected_points: str
+    options: Mapping[str, Any]
     coordinates: tuple[str, ...]
-    tile: float
     crs: str
     metres: Mapping[str, float]
     lines: str
@@ -274,16 +272,14 @@ def _report(
     judged: JudgedFile, clouds: Sequence[Path], started: datetime, seconds: Mapping[str, float]
 ) -> CleanReport:
     """Describe a judged file, of which these clouds were written."""
-    file, options, loaded = judged.file, judged.options, judged.loaded
+    file, loaded = judged.file, judged.loaded
     spared = judged.everything.rejected & ~judged.verdict.rejected
     return CleanReport(
         input=str(file.path),
         outputs=tuple(str(cloud) for cloud in clouds),
         started=started.isoformat(timespec='seconds'),
-        settings=settings(file.path, judged.parameters, options),
-        rejected_points=options.rejected,
+        options=asdict(judged.options),
         coordinates=judged.coordinates,
-        tile=options.tile,
         crs=file.crs,
         metres=judged.metres,
         lines=loaded.lines,
@@ -321,19 +317,6 @@ def _counts(judged: JudgedFile) -> dict[str, Any]:
         'extra': {'second_phase': int(np.count_nonzero(verdict.detectors & EXTRA))},
         'undecided_by': by_name(verdict.undecided, parameters.chain),
     }
-
-
-def settings(path: Path, parameters: FilterParameters, options: CleanOptions) -> dict[str, Any]:
-    """Say what outputs depend on: state of the input, options and parameters, as JSON has it."""
-    state = path.stat()
-    values = {
-        **asdict(options),
-        'parameters': parameters.flat(),
-        'bytes': state.st_size,
-        'changed': state.st_mtime_ns,
-    }
-    plain: dict[str, Any] = json.loads(json.dumps(values))
-    return plain
 
 
 def _versions() -> dict[str, str]:

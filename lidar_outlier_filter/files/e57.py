@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pye57 import libe57
+from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
@@ -165,17 +166,18 @@ def _scan(path: Path, node: Any, number: int) -> _PosedScan:
         raise CloudError(f'{what} of {path}', must_be, ', '.join(fields) or 'none')
     count = node['points'].childCount()
     check_fits(path, f'the points of {what}', count, 1, _BITS * path.stat().st_size)
-    rotation, position = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    rotation, position = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     if node.isDefined('pose'):
-        pose = node['pose']
-        if pose.isDefined('rotation'):
-            rotation = np.array([float(pose['rotation'][one].value()) for one in 'wxyz'])
-        if pose.isDefined('translation'):
-            position = np.array([float(pose['translation'][one].value()) for one in 'xyz'])
+        said = node['pose']
+        if said.isDefined('rotation'):
+            rotation = np.array([float(said['rotation'][one].value()) for one in 'xyzw'])
+        if said.isDefined('translation'):
+            position = np.array([float(said['translation'][one].value()) for one in 'xyz'])
     if not abs(np.sqrt(np.sum(rotation**2)) - 1) <= _UNIT or not np.isfinite(position).all():
         got = f'{rotation.tolist()} and {position.tolist()}'
         raise CloudError(f'the pose of {what} of {path}', 'a unit quaternion and a place', got)
-    return _PosedScan(number, count, fields, np.column_stack((_matrix(rotation), position)))
+    pose = np.column_stack((Rotation.from_quat(rotation).as_matrix(), position))
+    return _PosedScan(number, count, fields, pose)
 
 
 def _kind(node: Any) -> np.dtype[Any]:
@@ -186,18 +188,6 @@ def _kind(node: Any) -> np.dtype[Any]:
         if np.iinfo(kind).min <= node.minimum() and node.maximum() <= np.iinfo(kind).max:
             return kind
     return _FLOAT
-
-
-def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) of a unit quaternion w, x, y, z."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _placed(

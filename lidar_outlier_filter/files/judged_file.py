@@ -152,21 +152,21 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
         metres = _metres(file, coordinates, options.unit)
         loaded = _load(file, coordinates, metres, options, parameters, allocate, progress)
     with timed(seconds, 'judge'):
-        codes = None
-        if file.classes:
-            codes = cloud_file.filled(loaded.more[CLASSIFICATION]).astype(np.uint8)
+        classes = loaded.more.get(CLASSIFICATION) if file.classes else None
+        codes = None if classes is None else cloud_file.filled(classes).astype(np.uint8)
         loaded, ignored = _without(loaded, codes, options.ignore)
         loaded = points.recovered(file, loaded, parameters)
 
         def judge(cloud: Points) -> Verdict:
-            return _judge(cloud, parameters, options.tile, allocate, progress, slow)
+            progress(0, 0, 'judging')
+            if options.tile > 0 and cloud.ring is None:  # a turn of a spinning sensor is small
+                return judge_large(cloud, parameters, options.tile, allocate, slow)
+            return judge_whole(cloud, parameters, slow=slow)
 
         everything = _judge_strips(loaded, judge) if options.strips else judge(loaded.points)
-        verdict, counted = everything, {}
-        if codes is not None:
-            if options.only or options.keep:
-                verdict = spare(everything, untouched(codes, options.only, options.keep))
-            counted = _by_class(codes, verdict.rejected)
+        verdict = everything
+        if codes is not None and (options.only or options.keep):
+            verdict = spare(everything, untouched(codes, options.only, options.keep))
         kept = loaded.points.valid & ~verdict.rejected
         high = is_high(loaded.points.xyz, kept, verdict.rejected)
         left_low = _count_low(file, loaded, kept, parameters.threads)
@@ -180,26 +180,11 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
         ignored=ignored,
         everything=everything,
         verdict=verdict,
-        by_class=counted,
+        by_class={} if codes is None else _by_class(codes, verdict.rejected),
         high=high,
         left_low=left_low,
         seconds=seconds,
     )
-
-
-def _judge(  # noqa: PLR0913  where to, and two callbacks
-    cloud: Points,
-    parameters: FilterParameters,
-    tile: float,
-    allocate: Allocate,
-    progress: Progress,
-    slow: SaySlow | None,
-) -> Verdict:
-    """Judge the valid points in memory or in files; a turn of a spinning sensor in memory."""
-    progress(0, 0, 'judging')
-    if tile > 0 and cloud.ring is None:
-        return judge_large(cloud, parameters, tile, allocate, slow)
-    return judge_whole(cloud, parameters, slow=slow)
 
 
 def _judge_strips(loaded: Loaded, judge: Callable[[Points], Verdict]) -> Verdict:

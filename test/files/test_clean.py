@@ -243,7 +243,7 @@ def test_tiles_change_nothing(folder: Path, name: str) -> None:
         options = ['--chain', 'lof,sor', '--tile', tile, '--output', str(outputs[-1])]
         assert main(['clean', str(path), *options, '--set', 'scores=true']) == 0
         log = json.loads((folder / f'{outputs[-1].name}.json').read_text())
-        assert log['tile'] == float(tile)
+        assert log['options']['tile'] == float(tile)
         assert log['rejected'] > 0
     one, *others = (output.read_bytes() for output in outputs)
     assert all(other == one for other in others)
@@ -274,7 +274,7 @@ def test_log(folder: Path) -> None:
     log = json.loads((folder / f'{SWEEP}_cleaned.pcd.json').read_text())
     assert log['input'] == str(path)
     assert log['outputs'] == [str(folder / f'{SWEEP}_cleaned.pcd')]
-    assert log['rejected_points'] == 'mark'
+    assert log['options']['rejected'] == 'mark'
     assert log['coordinates'] == ['x', 'y', 'z']
     assert log['chain'] == ['lof', 'sor']
     assert set(log['parameters']) == {parameter.name for parameter in describe()}
