@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pye57 import libe57
-from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.core.points.poses import Mounting
+from lidar_outlier_filter.errors import CloudError, PoseError
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
 from lidar_outlier_filter.files.ply import header_of
 from lidar_outlier_filter.files.rows import BinaryRows, to_common_frame
@@ -41,7 +41,6 @@ _NAMES = {
     'columnIndex': 'column',
 }
 _SCAN = 'scan'
-_UNIT = 1e-3  # that the length of a quaternion may differ from 1
 _FLOAT = np.dtype(np.float64)
 _WHOLE = np.dtype(np.longlong)  # pye57 takes int64, another name of the same, for int32
 _NARROWEST = tuple(map(np.dtype, ('u1', 'u2', 'i4')))
@@ -166,18 +165,20 @@ def _scan(path: Path, node: Any, number: int) -> _PosedScan:
         raise CloudError(f'{what} of {path}', must_be, ', '.join(fields) or 'none')
     count = node['points'].childCount()
     check_fits(path, f'the points of {what}', count, 1, _BITS * path.stat().st_size)
-    rotation, position = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
-    if node.isDefined('pose'):
-        said = node['pose']
-        if said.isDefined('rotation'):
-            rotation = np.array([float(said['rotation'][one].value()) for one in 'xyzw'])
-        if said.isDefined('translation'):
-            position = np.array([float(said['translation'][one].value()) for one in 'xyz'])
-    if not abs(np.sqrt(np.sum(rotation**2)) - 1) <= _UNIT or not np.isfinite(position).all():
-        got = f'{rotation.tolist()} and {position.tolist()}'
-        raise CloudError(f'the pose of {what} of {path}', 'a unit quaternion and a place', got)
-    pose = np.column_stack((Rotation.from_quat(rotation).as_matrix(), position))
-    return _PosedScan(number, count, fields, pose)
+    return _PosedScan(number, count, fields, _pose(node, f'the pose of {what} of {path}'))
+
+
+def _pose(node: Any, what: str) -> NDArray[np.float64]:
+    """Return the rotation and the position of a scan, (3, 4)."""
+    numbers = {'translation': [0.0] * 3, 'rotation': [0.0, 0.0, 0.0, 1.0]}
+    for part, axes in (('translation', 'xyz'), ('rotation', 'xyzw')):
+        if node.isDefined('pose') and node['pose'].isDefined(part):
+            numbers[part] = [float(node['pose'][part][axis].value()) for axis in axes]
+    try:
+        pose = Mounting.of_pose((*numbers['translation'], *numbers['rotation']))
+    except PoseError as err:
+        raise CloudError(what, 'a unit quaternion and a place', f'"{err}"') from err
+    return np.column_stack((pose.matrix, pose.position))
 
 
 def _kind(node: Any) -> np.dtype[Any]:

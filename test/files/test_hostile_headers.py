@@ -92,13 +92,18 @@ def test_numbers_of_a_las_header(tmp_path: Path, offset: int, data: str, sentenc
     refused(patch(las(tmp_path), offset, struct.pack(data, largest)), sentence)
 
 
-@pytest.mark.parametrize('suffix', ['.las', '.laz'])
-@pytest.mark.parametrize('size', [420, 60000, 2**16 - 1])
-def test_records_longer_than_the_file(tmp_path: Path, suffix: str, size: int) -> None:
-    """A record before the points that ends behind their begin is refused."""
-    path = las(tmp_path, f'cloud{suffix}')
-    offset = number(path, 94, 2)
-    refused(patch(path, offset + 20, struct.pack('<H', size)), 'the bytes in a record of')
+@pytest.mark.parametrize(
+    ('pointer', 'bytes_of_it', 'size'),
+    [(94, 2, struct.pack('<H', 420)), (235, 8, struct.pack('<Q', 2**63))],
+)
+@pytest.mark.parametrize('suffix', ['las', 'laz'])
+def test_records_longer_than_the_file(
+    tmp_path: Path, suffix: str, pointer: int, bytes_of_it: int, size: bytes
+) -> None:
+    """A record that ends behind the first point, or behind the file, is refused."""
+    path = las(tmp_path, f'cloud.{suffix}')
+    offset = number(path, pointer, bytes_of_it)
+    refused(patch(path, offset + 20, size), 'the bytes in a record of')
 
 
 @pytest.mark.parametrize('said', [0, COUNT - 1, COUNT + 1, 2**63])
@@ -156,7 +161,7 @@ def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
 POSE = '0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
 
 
-@pytest.mark.parametrize('shape', [(1, 1), (10**9, 1), (1, 10**17), (10**9, 10**9), (-2, -150)])
+@pytest.mark.parametrize('shape', [(1, 1), (1, 10**17), (10**9, 10**9), (-2, -150)])
 def test_shape_of_a_ptx_scan(tmp_path: Path, shape: tuple[int, int]) -> None:
     """A grid of more or fewer lines than there are is refused, behind another scan, too."""
     lines = '1.5 2.5 3.5 0.5\n' * COUNT
