@@ -140,17 +140,21 @@ def test_real_files(real: Path) -> None:
 @pytest.mark.parametrize('point_format', range(11))
 @pytest.mark.parametrize('suffix', ['.las', '.laz'])
 def test_every_point_format(tmp_path: Path, point_format: int, suffix: str) -> None:
-    """In any format of a point, marking it changes the bits of its class alone."""
+    """In any format of a point, marks change its class or its flag alone."""
     if suffix == '.laz' and point_format in {4, 5, 9, 10}:
         return  # LAZ leaves waveforms to others
     path = make(tmp_path / f'made{suffix}', point_format)
     before = raw(path)
-    noise = every_third(len(before))
-    after = raw(copied(path, Change(noise=noise)))
-    name, mask = ('raw_classification', 31) if point_format < 6 else ('classification', 255)
+    third = np.arange(len(before)) % 3
+    change = Change(noise=third == 0, high=third == 1, withheld=third == 2)
+    old = point_format < 6
+    name, mask = ('raw_classification', 31) if old else ('classification', 255)
+    flags, bit = ('raw_classification', 128) if old else ('classification_flags', 4)
     expected = before.copy()
-    expected[name][noise] = (before[name][noise] & ~np.uint8(mask)) | 7
-    assert after.tobytes() == expected.tobytes()
+    for number_of, chosen in ((7, third == 0), (18, third == 1)):
+        expected[name][chosen] = (before[name][chosen] & ~np.uint8(mask)) | number_of
+    expected[flags][third == 2] |= bit
+    assert raw(copied(path, change)).tobytes() == expected.tobytes()
 
 
 def test_header_and_records(tmp_path: Path) -> None:
