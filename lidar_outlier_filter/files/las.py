@@ -21,6 +21,7 @@ import laspy
 import lazrs
 import numpy as np
 from laspy import DecompressionSelection as Parts
+from laspy.header import LAS_HEADERS_SIZE
 from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError, said_by
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import Change
+    from lidar_outlier_filter.files.las_header import LasRecord
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
@@ -171,6 +173,9 @@ class LasFile(CloudFile):
                 writer.write_evlrs(VLRList(evlrs))
             writer.close()
             self._restore(stream, writer.header, change)
+            for record, offset in _places(writer.header, records, evlrs):
+                stream.seek(offset)
+                stream.write(record.head)
 
     def _restore(self, stream: BinaryIO, header: Any, change: Change) -> None:
         """Put back the bytes of the header that laspy rewrote."""
@@ -186,6 +191,17 @@ class LasFile(CloudFile):
         for offset, data in parts.items():
             stream.seek(offset)
             stream.write(data)
+
+
+def _places(
+    header: Any, records: Sequence[LasRecord], evlrs: Sequence[LasRecord]
+) -> Iterator[tuple[LasRecord, int]]:
+    """Yield the records of a copy, and where they begin."""
+    size = LAS_HEADERS_SIZE[str(header.version)] + len(header.extra_header_bytes)
+    for offset, some in ((size, records), (header.start_of_first_evlr, evlrs)):
+        for record in some:
+            yield record, offset
+            offset += len(record.head) + len(record.record_data)  # noqa: PLW2901
 
 
 def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:

@@ -42,7 +42,13 @@ OWN = 32767  # not a number of EPSG: other keys say what it is
 Units = tuple[float | None, float | None]  # metres per unit of the plane, and of heights
 
 
-def read_records(path: Path) -> tuple[list[VLR], list[VLR]]:
+class LasRecord(VLR):  # type: ignore[misc]  # laspy has no types
+    """A (extended) variable length record, whose head stays as it is in the file."""
+
+    head = b''
+
+
+def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
     """List the records before and behind the points; refuse those that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
@@ -64,7 +70,7 @@ def read_records(path: Path) -> tuple[list[VLR], list[VLR]]:
 
 def _chain(
     stream: BinaryIO, path: Path, layout: struct.Struct, offsets: tuple[int, int], count: int
-) -> list[VLR]:
+) -> list[LasRecord]:
     """List records; refuse them if they do not all lie between two offsets (bytes)."""
     offset, end = offsets
     check_fits(path, 'the number of records', count, layout.size, end - offset)
@@ -72,11 +78,13 @@ def _chain(
     for _ in range(count):
         check_offset(path, 'a record', offset, 0, end - layout.size)
         stream.seek(offset)
-        _, user, name, length, about = layout.unpack(stream.read(layout.size))
+        head = stream.read(layout.size)
+        _, user, name, length, _ = layout.unpack(head)
         offset += layout.size
         check_fits(path, 'the bytes in a record', length, 1, end - offset)
-        text = user.split(b'\0')[0].decode('ascii', 'replace')
-        records.append(VLR(text, name, about.rstrip(b'\0'), stream.read(length)))
+        text = user.split(b'\0')[0].decode('ascii', 'ignore')
+        records.append(LasRecord(text, name, '', stream.read(length)))
+        records[-1].head = head
         offset += length
     return records
 

@@ -162,6 +162,9 @@ def test_header_and_records(tmp_path: Path) -> None:
     path = make(tmp_path / 'made.las')
     patch(path, 26, b'SYSTEM\0behind the zero, no ASCII:\xff'[:32])
     patch(path, 90, struct.pack('<HH', 0, 0))  # no date
+    offset = number(path.read_bytes(), 94, 2)
+    patch(path, offset, b'\xbb\xaasixteen letters!')
+    patch(path, offset + 22, b'a note\0behind the zero \xff')
     assert copied(path, Change()).read_bytes() == path.read_bytes()
     copy = copied(path, Change(keep=every_third(1000)))
     assert copy.read_bytes()[:94] == path.read_bytes()[:94]
