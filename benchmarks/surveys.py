@@ -7,7 +7,7 @@
 Three tables: chains on three real clouds and a simulated town (``doc/surveys.md``); the default and
 SOR on simulated surveys of five seeds and on real clouds (the page of the default); and filters of
 PDAL, Open3D, lidR and CloudCompare, reimplemented from their definitions, beside ours
-(``doc/development/default.md``).
+(``doc/results/surveys.md``).
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -256,7 +256,7 @@ def isolated(xyz: Floats, side: float, few: int) -> Bools:
 PAGES = {
     'chains': (DOC / 'surveys.md', 'surveys', of_chains),
     'default': (DOC / 'detectors' / 'boosted_trees.md', 'surveys', of_default),
-    'peers': (DOC / 'development' / 'default.md', 'survey-peers', of_peers),
+    'peers': (DOC / 'results' / 'surveys.md', 'survey-peers', of_peers),
 }
 
 
