@@ -8,6 +8,7 @@ import errno
 import json
 import os
 import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,18 +52,16 @@ def edit(path: Path) -> Path:
     return path
 
 
-def append(path: Path) -> Path:
-    """Add a line to a file."""
-    with path.open('a') as stream:
-        stream.write('mine\n')
-    return path
-
-
 def replace(path: Path, text: str) -> Path:
     """Write another file in place of one."""
-    path.unlink()
+    path.unlink(missing_ok=True)
     path.write_text(text)
     return path
+
+
+def append(path: Path) -> Path:
+    """Add a line to a file."""
+    return replace(path, path.read_text() + 'mine\n')
 
 
 def link(path: Path) -> Path:
@@ -75,16 +74,15 @@ def link(path: Path) -> Path:
 def lay(path: Path) -> Path:
     """Lay a file into the folder of a recording, or a folder in place of an output."""
     if path.name == 'metadata.yaml':
-        return replace_none(path.with_name('notes.txt'))
+        return replace(path.with_name('notes.txt'), 'mine')
     path.unlink()
     path.mkdir()
     return path
 
 
-def replace_none(path: Path) -> Path:
-    """Write a new file."""
-    path.write_text('mine')
-    return path
+def sidecar() -> Path:
+    """Return the sidecar of the first output."""
+    return first('.json')
 
 
 EDITS: dict[str, Callable[[], Path]] = {
@@ -92,13 +90,13 @@ EDITS: dict[str, Callable[[], Path]] = {
     'an output, edited within the same time': lambda: edit(first()),
     'a link': lambda: link(first()),
     'a file laid into an output': lambda: lay(first()),
-    'a sidecar, edited': lambda: append(first('.json')),
-    'a sidecar with another count': lambda: replace(
-        first('.json'), first('.json').read_text().replace('"size": ', '"size": 1')
+    'a sidecar, edited': lambda: append(sidecar()),
+    'another count': lambda: replace(
+        sidecar(), sidecar().read_text().replace('"size": ', '"size": 1')
     ),
-    'brackets': lambda: replace(first('.json'), '[' * 200_000),
-    'other JSON': lambda: replace(first('.json'), '{"seal": 1, "archive": []}'),
-    'no text': lambda: Path(shutil.copy(shutil.which('true') or '', first('.json'))),
+    'brackets': lambda: replace(sidecar(), '[' * 200_000),
+    'other JSON': lambda: replace(sidecar(), '{"seal": 1, "archive": []}'),
+    'no text': lambda: Path(shutil.copy(sys.executable, sidecar())),
     'the page, edited': lambda: append(OUT / 'archive.html'),
     'another page': lambda: replace(OUT / 'archive.html', '<html>mine</html>'),
 }
