@@ -126,9 +126,10 @@ def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
 def _check(words: Sequence[str]) -> None:
     """Refuse empty arguments, and names of pipes and devices: to read one could take for ever."""
     for word in words:
-        if not word:
-            raise FilterError('an argument', 'not empty', repr(''))
-        for name in (word, word.partition('=')[2]):
+        if not word or (word.startswith('--') and word.endswith('=')):
+            raise FilterError('an argument', 'not empty', repr(word))
+        parts = word.split('=')
+        for name in ('='.join(parts[i:]) for i in range(len(parts))):
             with suppress(OSError, ValueError):  # too long for a name, or with zeros
                 path = Path(name)
                 if path.exists() and not (path.is_file() or path.is_dir()):

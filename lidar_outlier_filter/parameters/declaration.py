@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
@@ -14,6 +15,7 @@ from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
 
 _SHORT = Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 30, 30, 10
@@ -163,3 +165,18 @@ def walk(cls: type, prefix: str) -> Iterator[Parameter]:
             yield Parameter(prefix + item.name, default, **item.metadata)
     for section, name in sections:
         yield from walk(section, name)
+
+
+def read_small(path: Path, largest: int) -> bytes:
+    """Read a file, but at most one byte more than ``largest``.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is a pipe or device, which could block.
+
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, 'not a regular file')
+    with path.open('rb') as stream:
+        return stream.read(largest + 1)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import read_small
 from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
@@ -37,8 +38,7 @@ def read_yaml(path: Path) -> dict[str, object]:
 
     """
     try:
-        with path.open('rb') as stream:
-            data = stream.read(LARGEST_FILE + 1)
+        data = read_small(path, LARGEST_FILE)
         if len(data) > LARGEST_FILE:
             raise ParameterError(str(path), f'of at most {LARGEST_FILE} bytes', 'more')
         tree = parse(data.decode())

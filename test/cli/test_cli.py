@@ -246,26 +246,33 @@ def test_interrupted(tmp_path: Path, number: signal.Signals, status: int) -> Non
     assert names(tmp_path) == ['long']
 
 
-@pytest.mark.parametrize('verb', ['clean', 'replay', 'report', 'info'])
-def test_an_empty_argument(verb: str, capsys: Capture) -> None:
+@pytest.mark.parametrize('words', [['clean', ''], ['info', ''], ['clean', 'a', '--output=']])
+def test_an_empty_argument(words: list[str], capsys: Capture) -> None:
     """It would be the working folder."""
-    assert main([verb, '']) == 1
-    assert capsys.readouterr().err == "an argument must be not empty, got ''\n"
+    assert main(words) == 1
+    assert capsys.readouterr().err == f'an argument must be not empty, got {words[-1]!r}\n'
 
 
 @pytest.mark.parametrize(
-    'words',
-    ['info pipe.mcap', 'replay pipe.mcap', 'clean a.csv --set mask=pipe.mcap', 'tune a.csv'],
+    ('words', 'sentence'),
+    [
+        ('info pipe', 'got a pipe or device'),
+        ('replay pipe', 'got a pipe or device'),
+        ('clean a.csv --set=mask=pipe', 'got a pipe or device'),
+        ('evaluate a.csv --labels=pipe', 'got a pipe or device'),
+        ('clean a.csv --chain=sor --params by_name.yaml', 'the mask pipe must be a readable file'),
+    ],
 )
 def test_named_pipes(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+    words: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    """To open one would wait for ever."""
+    """To open one would wait for ever, wherever it is named."""
     monkeypatch.chdir(tmp_path)
-    for name in ('pipe.mcap', 'a.csv'):
-        os.mkfifo(name)
+    os.mkfifo('pipe')
+    Path('a.csv').write_text('x,y,z\n0,0,0\n')
+    Path('by_name.yaml').write_text('/**:\n  ros__parameters:\n    mask: pipe\n')
     assert main(words.split()) == 1
-    assert 'must be a file or a folder, got a pipe or device' in capsys.readouterr().err
+    assert sentence in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('verb', ['clean', 'report', 'info'])

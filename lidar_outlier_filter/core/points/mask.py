@@ -16,7 +16,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.errors import CloudError, ParameterError
-from lidar_outlier_filter.parameters.declaration import OFF
+from lidar_outlier_filter.parameters.declaration import OFF, read_small
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints
@@ -142,7 +142,8 @@ def content_of(parameters: FilterParameters) -> str:
     if parameters.mask == OFF:
         return OFF
     try:
-        return sha256(Path(parameters.mask).read_bytes()).hexdigest()
+        data = read_small(Path(parameters.mask), LARGEST_FILE)
+        return sha256(data).hexdigest()
     except OSError:
         return parameters.mask
 
@@ -157,8 +158,7 @@ def read_mask(path: Path) -> Mask:
 
     """
     try:
-        with path.open('rb') as stream:
-            data = stream.read(LARGEST_FILE + 1)
+        data = read_small(path, LARGEST_FILE)
         lines = data.decode('ascii').splitlines()
     except (OSError, ValueError) as err:
         reason = getattr(err, 'strerror', None) or 'bytes that are no text'
