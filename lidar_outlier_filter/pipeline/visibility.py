@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 SECTORS = 24  # from the x axis on, against the clock
 BANDS = (0.0, 5.0, 15.0, 30.0)  # metres: begin there
-MOST_RINGS = 1024
+MAX_RINGS = 1024
 STEP, STEPS = 1.15, 45  # ranges from 1 m on, each so many times the one before
-FEWEST_LOOKS = 10  # before anything is usual
+MIN_SAMPLES = 10  # before anything is usual
 MEMORY = 60.0  # looks that what is usual is the mean of
-FEWEST_RETURNS = 3.0  # of a ring in a sector and a cloud, to say anything
+MIN_RETURNS = 3.0  # of a ring in a sector and a cloud, to say anything
 STEADY = 0.15  # of the returns: a ring whose number changes by less in a sector always returns
 LOST = 0.05  # of all returns: where less is missing, only the scene has changed
 GONE = 0.3  # of the usual returns are left beyond a range, where surfaces vanish
-FEWEST = 0.003  # of the returns are usually beyond a range, to say anything
+MIN_SHARE_BEYOND = 0.003  # of the returns are usually beyond a range, to say anything
 # The contrast that is left at the visibility is 5 % (Koschmieder).
 CONTRAST = -math.log(0.05)
 
@@ -122,14 +122,14 @@ class SensorWatch:
         """Count the points of a judged cloud."""
         points = cloud.points.in_own_frame
         line = points.line if has_rings else np.zeros(len(points), np.int64)
-        rings = min(int(line.max(initial=-1)) + 1, MOST_RINGS)
+        rings = min(int(line.max(initial=-1)) + 1, MAX_RINGS)
         with self._lock:
             self._clouds += 1
             if rings > len(self._tally.kept):
                 self._tally = self._tally._replace(kept=_grown(self._tally.kept, rings))
             _count(points.xyz, line, cloud.verdict.rejected[cloud.where], self._tally)
 
-    def look(self, limits: HealthLimits) -> SensorView | None:
+    def sample(self, limits: HealthLimits) -> SensorView | None:
         """Return what was seen since the last look; None: no cloud."""
         with self._lock:
             tally, clouds = self._tally, self._clouds
@@ -145,13 +145,13 @@ class SensorWatch:
         visibility = self._visibility(steps[open_].sum(axis=0), open_)
         with np.errstate(invalid='ignore'):
             view = SensorView(tally.rejected / tally.points, missing, visibility)
-        if now.any() and (self._looks < FEWEST_LOOKS or not view.complaints(limits)):
+        if now.any() and (self._looks < MIN_SAMPLES or not view.complaints(limits)):
             self._learn(now, steps)
         return view
 
     def _missing(self, now: Floats) -> Floats:
         """Return the share of the returns that is missing, by sector, of rings that always have."""
-        known = (self._looks >= FEWEST_LOOKS) & (self._usual >= FEWEST_RETURNS)
+        known = (self._looks >= MIN_SAMPLES) & (self._usual >= MIN_RETURNS)
         steady = known & (self._change <= STEADY * self._usual)
         usual = np.where(steady, self._usual, 0.0).sum(axis=0)
         there = np.where(steady, np.minimum(now, self._usual), 0.0).sum(axis=0)
@@ -163,15 +163,17 @@ class SensorWatch:
         In clear air the usual surface is seen up to a range. In fog it is seen up to where its echo
         is as weak: it falls with the square of the range, and with the extinction on both ways.
         """
-        if self._looks < FEWEST_LOOKS or not steps.any():
+        if self._looks < MIN_SAMPLES or not steps.any():
             return math.nan
         usual = self._usual_steps[open_].sum(axis=0)
         # Without those that only changed places, from near to far or the other way.
         if steps.sum() > (1 - LOST) * usual.sum():
             return math.inf
         beyond, before = np.cumsum(steps[::-1])[::-1], np.cumsum(usual[::-1])[::-1]
-        vanish = np.flatnonzero((beyond < GONE * before) & (before > FEWEST * usual.sum()))
-        clear = np.flatnonzero(before > FEWEST * usual.sum())
+        vanish = np.flatnonzero(
+            (beyond < GONE * before) & (before > MIN_SHARE_BEYOND * usual.sum())
+        )
+        clear = np.flatnonzero(before > MIN_SHARE_BEYOND * usual.sum())
         if not len(vanish):
             return math.inf
         far, clearly = STEP ** (vanish[0] + 0.5), STEP ** (clear[-1] + 0.5)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 BUSY = 0.5  # pressure from which on there is too much; until nothing waits any more
 FULL = 0.75  # pressure at which even the smoother alone is too slow
-LEAST_LEAD, MOST_LEAD = 0.1, 0.5  # share of max_delay that is kept for the verdict
+MIN_LEAD, MAX_LEAD = 0.1, 0.5  # share of max_delay that is kept for the verdict
 FORGET = 0.95  # of the longest time that a cloud took, from one cloud to the next
 
 
@@ -172,7 +172,7 @@ class Treatment(Enum):
     """What is done with a cloud."""
 
     FILTER = 'filtered'
-    SHED = 'filtered by the smoother alone'
+    DEGRADE = 'filtered by the smoother alone'
     PASS = 'passed unfiltered'  # noqa: S105  no password
     DROP = 'dropped'
 
@@ -188,7 +188,7 @@ class Overload:
 
     def lead(self, max_delay: float) -> float:
         """Return the part of ``max_delay`` to be kept for the verdict, seconds."""
-        return min(max(self._longest, LEAST_LEAD * max_delay), MOST_LEAD * max_delay)
+        return min(max(self._longest, MIN_LEAD * max_delay), MAX_LEAD * max_delay)
 
     def took(self, seconds: float) -> None:
         """Note how long a cloud took."""
@@ -210,5 +210,5 @@ class Overload:
                 self.treatment = Treatment.DROP
         elif self._busy:
             passes = policy == 'pass_through' or pressure >= FULL
-            self.treatment = Treatment.PASS if passes else Treatment.SHED
+            self.treatment = Treatment.PASS if passes else Treatment.DEGRADE
         return self.treatment

@@ -108,7 +108,7 @@ class Channel:
         """Filter the clouds that come from now on, or let them pass as they are."""
         self.worker.enable(on=on)
 
-    def look(self, seconds: float) -> Report:
+    def sample(self, seconds: float) -> Report:
         """Report what became of the clouds in the seconds since the last look."""
         self.worker.raise_failure()
         if self._clock.has_stopped and self._filter.pending:
@@ -122,8 +122,8 @@ class Channel:
         megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
         backlog = Backlog(inbox.clouds, megabytes, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
-        remarks, view = self._remarks(), self._watch.look(limits)
-        return self.health.look(seconds, limits, max_delay, backlog, remarks, view)
+        remarks, view = self._remarks(), self._watch.sample(limits)
+        return self.health.sample(seconds, limits, max_delay, backlog, remarks, view)
 
     def close(self) -> None:
         """Receive no more; what was received is filtered, however much it is."""
@@ -166,7 +166,7 @@ class Channel:
     def _warn_of_losses(self, seconds: float) -> None:
         """Warn of what was not filtered as asked, where it is time to: seconds since last asked."""
         policy = self._parameters.load.policy
-        if warning := self._losses.look(self.health.losses(), policy, seconds):
+        if warning := self._losses.sample(self.health.losses(), policy, seconds):
             self._log_warning(warning)
 
     def _log_refusal(self, err: CloudError) -> None:

@@ -50,7 +50,7 @@ class Diagnostics:
         now = self._steady.now().nanoseconds
         seconds = max(now - self._last, 1) / SECOND
         self._last = now
-        reports = [channel.look(seconds) for channel in self._channels]
+        reports = [channel.sample(seconds) for channel in self._channels]
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
         array.status = [

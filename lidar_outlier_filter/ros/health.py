@@ -45,7 +45,7 @@ class LossWarning:
         self._said: Counter[str] = Counter()
         self._quiet = LOSS_PERIOD  # seconds since the last warning
 
-    def look(self, lost: Mapping[str, int], policy: str, seconds: float) -> str:
+    def sample(self, lost: Mapping[str, int], policy: str, seconds: float) -> str:
         """Return the warning that is due; empty where there is none.
 
         Parameters
@@ -174,7 +174,7 @@ class Health:
                 }
             )
 
-    def look(  # noqa: PLR0913  what others know
+    def sample(  # noqa: PLR0913  what others know
         self,
         seconds: float,
         limits: HealthLimits,
@@ -198,7 +198,7 @@ class Health:
         elif since[DROPPED]:
             self._unanswered += seconds
         waits = max(backlog.oldest, self._unanswered)
-        look = _Look(
+        look = _Sample(
             tally, since, counts, before, seconds, backlog, self._silent, waits, self.advice
         )
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
@@ -217,7 +217,7 @@ class Health:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Sample:
     """One look at what has happened."""
 
     tally: _Tally

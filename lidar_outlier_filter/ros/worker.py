@@ -211,7 +211,7 @@ class Worker:
             self._publish(self._filter.flush_pending())
             self._publish(self._process(received.msg, received, 'overload'))
         else:
-            self._filter.degrade(on=treatment is Treatment.SHED)
+            self._filter.degrade(on=treatment is Treatment.DEGRADE)
             resets = self._filter.statistics.resets
             self._publish(self._process(received.msg, received))
             if self._filter.statistics.resets > resets:
@@ -226,7 +226,7 @@ class Worker:
         age = (self.clock.now() - received.at) / SECOND
         load, max_delay = self.inbox.load, self._parameters.max_delay
         treatment = self._overload.decide(load.policy, self.inbox.fill, age, max_delay)
-        if treatment is Treatment.SHED and not self._filter.has_line_detectors:
+        if treatment is Treatment.DEGRADE and not self._filter.has_line_detectors:
             return Treatment.PASS
         return treatment
 

@@ -48,7 +48,7 @@ def flush(node: OutlierFilterNode) -> list[SplitCloud]:
 
 
 # The columns of ~/statistics.
-PLOTTED = tuple(Health().look(1.0, HealthLimits(), 1.0, Backlog(0, 0.0, 0)).plotted)
+PLOTTED = tuple(Health().sample(1.0, HealthLimits(), 1.0, Backlog(0, 0.0, 0)).plotted)
 
 
 class Diagnosis:

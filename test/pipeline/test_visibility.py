@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.pipeline.visibility import (
     BANDS,
-    FEWEST_LOOKS,
+    MIN_SAMPLES,
     SECTORS,
     UNSEEN,
     VIEWED,
@@ -65,7 +65,7 @@ def watched(*turns: Floats, has_rings: bool = True) -> list[SensorView]:
     watch, found = SensorWatch(), []
     for rows in turns:
         watch.add(judged(rows), has_rings=has_rings)
-        view = watch.look(LIMITS)
+        view = watch.sample(LIMITS)
         assert view is not None
         found.append(view)
     return found
@@ -83,9 +83,9 @@ def test_clean_streets_are_no_reason_to_warn() -> None:
     """Nothing is missing of what is usual, which is known after a while."""
     views = watched(*CLEAR)
     assert all(view.complaints(LIMITS) == [] for view in views)
-    assert all(math.isnan(view.visibility) for view in views[:FEWEST_LOOKS])
-    assert all(view.visibility == math.inf for view in views[FEWEST_LOOKS:])
-    assert all(np.nanmax(view.missing) < 0.1 for view in views[FEWEST_LOOKS:])
+    assert all(math.isnan(view.visibility) for view in views[:MIN_SAMPLES])
+    assert all(view.visibility == math.inf for view in views[MIN_SAMPLES:])
+    assert all(np.nanmax(view.missing) < 0.1 for view in views[MIN_SAMPLES:])
     assert np.isnan(views[0].missing).all()
 
 
@@ -131,13 +131,13 @@ def test_rejected_by_sector_and_range() -> None:
     rows = np.array([[1.0, 0.1, 0, 0], [1, 0.1, 0, 0], [0.1, 20, 0, 0], [0, -7, 0, 1]])
     watch = SensorWatch()
     watch.add(judged(rows, slice(1, 3)), has_rings=True)
-    view = watch.look(LIMITS)
+    view = watch.sample(LIMITS)
     assert view is not None
     expected = np.full((SECTORS, len(BANDS)), np.nan)
     expected[0, 0], expected[5, 2], expected[18, 1] = 0.5, 1.0, 0.0
     np.testing.assert_array_equal(view.rejected, expected)
     assert len(view.plotted()) == len(VIEWED) == len(UNSEEN)
-    assert watch.look(LIMITS) is None
+    assert watch.sample(LIMITS) is None
 
 
 def test_limits_can_be_set() -> None:
@@ -155,3 +155,15 @@ def test_without_rings_and_without_points() -> None:
     views = watched(nothing, *CLEAR, nothing)
     assert views[0].complaints(LIMITS) == []
     assert 'dirt' in ' '.join(views[-1].complaints(LIMITS))
+
+
+@pytest.mark.parametrize(('usual', 'dirty', 'count'), [(0.6, 0.6, 0), (0.6, 1.0, 0), (0.3, 0.9, 1)])
+def test_fog_is_not_taken_for_dirt(usual: float, dirty: float, count: int) -> None:
+    """What most sectors miss is the fog; a sector is blind by what it misses beyond that."""
+    missing = np.full(SECTORS, usual)
+    missing[7] = dirty
+    view = SensorView(np.zeros((SECTORS, len(BANDS))), missing, 20.0)
+    said = view.complaints(LIMITS)
+    assert said[0] == 'the visibility is 20 m'
+    assert [one.count('°') for one in said[1:]] == [2] * count
+    assert all('105° to 120°' in one for one in said[1:])

@@ -16,7 +16,7 @@ from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatmen
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.SHED, Treatment.PASS, Treatment.DROP
+FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.DEGRADE, Treatment.PASS, Treatment.DROP
 
 
 def cloud(name: object, size: int = 1, at: int = 0) -> Received:

@@ -200,4 +200,4 @@ def test_the_size_that_a_refused_cloud_claims(ros: Ros) -> None:
     receive(node.channels[0], msg)
     wait_for_thread(node)
     assert node.channels[0].statistics.refused == 1
-    assert node.channels[0].look(1.0).values['points/s'] == '100'
+    assert node.channels[0].sample(1.0).values['points/s'] == '100'

@@ -22,7 +22,7 @@ def look(
     health: Health, limits: HealthLimits | None = None, seconds: float = 2.0
 ) -> tuple[int, str, dict[str, str], dict[str, float]]:
     """Look, with nothing that waits."""
-    report = health.look(seconds, limits or HealthLimits(), MAX_DELAY, NOTHING)
+    report = health.sample(seconds, limits or HealthLimits(), MAX_DELAY, NOTHING)
     return report.level, report.message, report.values, report.plotted
 
 
@@ -176,7 +176,7 @@ def test_who_waits_longer_than_max_delay_is_not_well(oldest: float) -> None:
     health = Health()
     health.received()
     health.answered(0.01, 0.01)
-    found = health.look(1.0, PATIENT, MAX_DELAY, Backlog(0, 0.0, 1, oldest=oldest))
+    found = health.sample(1.0, PATIENT, MAX_DELAY, Backlog(0, 0.0, 1, oldest=oldest))
     assert (found.level == OK) is (oldest <= MAX_DELAY)
     assert ('no answer for' in found.message) is (oldest > MAX_DELAY)
 
@@ -187,11 +187,11 @@ def test_who_drops_everything_is_not_well() -> None:
     for number in range(4):
         health.received()
         health.dropped()
-        found = health.look(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING)
+        found = health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING)
         assert (found.level == OK) is (number < 2)
     health.answered(0.01, 0.01)
     health.dropped()
-    assert health.look(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
+    assert health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
 
 
 def test_clouds_judged_without_poses() -> None:
@@ -233,7 +233,7 @@ def test_silence() -> None:
     assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
     health.received()
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
-    report = health.look(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
+    report = health.sample(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
     assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')
 
 
@@ -241,7 +241,7 @@ def test_remarks_are_warnings() -> None:
     """What others have to say is added."""
     health = Health()
     health.received()
-    report = health.look(1.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
+    report = health.sample(1.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
     assert (report.level, report.message) == (WARN, 'one thing; another')
-    report = health.look(11.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing'])
+    report = health.sample(11.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing'])
     assert (report.level, report.message) == (ERROR, 'no cloud for 11 s; one thing')

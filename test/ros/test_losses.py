@@ -34,8 +34,8 @@ SEEN = st.tuples(
 def test_the_first_loss_is_warned_of_at_once() -> None:
     """With the policy, which says why; nothing lost is nothing said."""
     warning = LossWarning('advice')
-    assert warning.look({DROPPED: 0, LOST: 0}, 'drop_oldest', 1.0) == ''
-    assert warning.look({DROPPED: 3, LOST: 1}, 'drop_oldest', 1.0) == (
+    assert warning.sample({DROPPED: 0, LOST: 0}, 'drop_oldest', 1.0) == ''
+    assert warning.sample({DROPPED: 3, LOST: 1}, 'drop_oldest', 1.0) == (
         'clouds not filtered as asked since the last warning: 3 dropped, 1 lost on the way '
         '(load.policy is drop_oldest); advice'
     )
@@ -49,7 +49,7 @@ def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
     for seconds, what, count in [*seen, (math.inf, DROPPED, 0)]:
         lost[what] += count
         time += seconds
-        text = warning.look(lost, 'drop_oldest', seconds)
+        text = warning.sample(lost, 'drop_oldest', seconds)
         if text:
             times.append(time)
             said += Counter({what: int(count) for count, what in _counts(text)})
@@ -82,6 +82,6 @@ def test_what_counts() -> None:
 def test_losses_on_the_way_come_with_advice() -> None:
     """The log names the file that helps, as /diagnostics does."""
     warning = LossWarning(Health().advice)
-    assert warning.look({LOST: 1}, 'shed', 1.0).endswith(
+    assert warning.sample({LOST: 1}, 'shed', 1.0).endswith(
         '1 lost on the way; for large clouds set config/fastdds_large_clouds.xml for both sides'
     )

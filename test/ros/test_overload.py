@@ -49,14 +49,14 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     wait_for_thread(node)
     with held_up(node):
         send(ros, node, sensor, 3, first=1)
-        plotted = channel.look(2.0).plotted
+        plotted = channel.sample(2.0).plotted
     assert plotted['clouds_per_second'] == 2
     assert plotted['points_per_second'] == 50  # those of one cloud were read
     assert plotted['backlog_clouds'] == 3
     assert plotted['backlog_megabytes'] == pytest.approx(3e-6 * len(serialize_message(line(0.0))))
     assert plotted['waiting_clouds'] == 1
-    channel.worker._overload.treatment = Treatment.SHED
-    message = channel.look(3.0).message
+    channel.worker._overload.treatment = Treatment.DEGRADE
+    message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
     assert 'too much to filter: clouds are filtered by the smoother alone' in message
 
