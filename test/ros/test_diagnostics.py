@@ -43,6 +43,7 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
     node.start()
     sensor = Sensor(ros, '/front/points')
     sensor.wait_for_filter(node)
+    ros.diagnosis()  # from here on none is missed
     for number, msg in enumerate(sweeps, 1):
         sensor.publish(msg, expected=number)
         sensor.publish(broken(), expected=number)
