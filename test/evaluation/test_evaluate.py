@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,8 +17,6 @@ from sklearn import metrics
 from lidar_outlier_filter.cli.evaluate import label_files
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
-from lidar_outlier_lab.simulation.world.recording import record
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -160,25 +157,3 @@ def test_help_imports_nothing_heavy() -> None:
         run = [sys.executable, '-c', program]
         done = subprocess.run(run, capture_output=True, text=True, check=True)
         assert done.stderr == 'set()'
-
-
-@pytest.mark.slow
-def test_three_lines(tmp_path: Path, capsys: Capture) -> None:
-    """Simulate, replay, evaluate: the scores that replay adds are those that make the curve."""
-    record(replace(demo_drive(), lines=100), tmp_path / 'drive')
-    sets = [part for name, value in SENSOR.items() for part in ('--set', f'{name}={value}')]
-    output = str(tmp_path / 'out')
-    command = ['replay', str(tmp_path / 'drive'), '--output', output, '--set', 'scores=true']
-    assert main([*command, *sets]) == 0
-    assert main(['evaluate', output, '--output', str(tmp_path / 'evaluation')]) == 0
-    assert 'boosted_trees' in capsys.readouterr().out
-    found = json.loads((tmp_path / 'evaluation' / 'evaluation.json').read_text(encoding='utf-8'))
-    whole = found['detectors']['boosted_trees']
-    assert whole['found'] == found['found'] > 100
-    # The curve, which is thinned, passes what was rejected where its thresholds pass 1.
-    columns = (found['curve'][name] for name in ('threshold', 'found', 'lost'))
-    threshold, *counts = (np.array(column, np.float64) for column in columns)
-    for column, count in zip(counts, (found['found'], found['lost']), strict=True):
-        assert column[threshold > 1].max() <= count <= column[threshold <= 1].min()
-        assert column[threshold <= 1].min() - column[threshold > 1].max() < 0.1 * count + 3
-    assert found['auc'] > 0.9

@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from helpers import ROOT
+from helpers.browsers import new_tab
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from playwright.sync_api import Browser
 
 QUOTES = '\N{LEFT SINGLE QUOTATION MARK}\N{RIGHT SINGLE QUOTATION MARK}'
 WRAPPER = """
@@ -76,6 +79,18 @@ def test_every_detector_is_shown(pages: Path) -> None:
     for name, detector in DETECTORS.items():
         plain = detector.rejects.partition('`')[0].strip()
         assert f'{name} {detector.bit} {plain}' in text
+
+
+@pytest.mark.slow
+def test_pages_fit_a_phone(pages: Path, browser: Browser) -> None:
+    """No page scrolls sideways on a screen of 390 px; wide tables and code scroll by themselves."""
+    tab = new_tab(browser, viewport={'width': 390, 'height': 844})
+    widths = {}
+    for page in pages.rglob('*.html'):
+        tab.goto(page.as_uri())
+        widths[page.name] = tab.evaluate('document.documentElement.scrollWidth')
+    tab.context.close()
+    assert {name: width for name, width in widths.items() if width > 390} == {}
 
 
 @pytest.mark.slow

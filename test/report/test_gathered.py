@@ -148,24 +148,23 @@ def test_sliders_share_the_bits(count: int) -> None:
 
 @pytest.mark.parametrize('name', ['xyz', 't', 'line'])
 def test_chains_share_neighbours_of_equal_points_only(name: str) -> None:
-    """One value of one point differs: the points are looked at again; verdicts are the same."""
-    rng = np.random.default_rng(0)
+    """One value of one point differs: the neighbours are found again; verdicts are the same."""
+    rng, n = np.random.default_rng(0), 500
     points = Points(
-        rng.normal(0, 1, (500, 3)), np.arange(500), np.arange(500) // 50, np.ones(500, np.bool_)
+        rng.normal(0, 1, (n, 3)), np.arange(n), np.arange(n) // 50, np.ones(n, np.bool_)
     )
-    given, sight = FilterParameters().changed({'chain': ['sor']}), SharedInputs()
-    seen = sight(points, given, 20, whole=False)
-    assert sight(points.take(slice(None)), given, 20, whole=False) is seen
-    assert sight(points, given, 20, whole=True) is not seen
-    assert sight(points, given, 21, whole=False) is not seen
-    other = points.take(np.arange(len(points)))
+    given, shared = FilterParameters().changed({'chain': ['sor']}), SharedInputs()
+    seen = shared(points, given, 20, whole=False)
+    assert shared(points.take(slice(None)), given, 20, whole=False) is seen
+    assert shared(points, given, 20, whole=True) is not seen
+    assert shared(points, given, 21, whole=False) is not seen
+    other = points.take(np.arange(n))
     getattr(other, name)[7] += 1
-    assert sight(other, given, 20, whole=False) is not seen
-    shared = Chain(given)
-    shared.see = sight
+    assert shared(other, given, 20, whole=False) is not seen
+    chain = Chain(given)
+    chain.see = shared
     for _ in range(2):
-        verdict = shared.judge(points)
-        assert verdict.score.tobytes() == Chain(given).judge(points).score.tobytes()
+        assert chain.judge(points).score.tobytes() == Chain(given).judge(points).score.tobytes()
 
 
 # --- Counts ------------------------------------------------------------------------------------
