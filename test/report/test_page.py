@@ -426,8 +426,8 @@ def test_a_file_in_feet(tmp_path: Path, browser: Browser) -> None:
         assert 'as in the file, ft' in text_of(page, '#found')
         for label, colour, legend in (
             ('RGB', '#20c040', 'rejected'),
-            ('class', '#e69f00', 'class 2'),
-            ('return number', '#009e73', 'return 4'),
+            ('class', '#009e73', 'class 2'),
+            ('return number', '#56b4e9', 'return 4'),
         ):
             assert near(pixels(page), colour) < 20
             page.locator('#mode').select_option(label=label)

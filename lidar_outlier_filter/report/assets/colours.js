@@ -50,7 +50,8 @@ const detectorColour = (one) => (one.colour === '#000000' ? style('--rejected') 
 
 // Values of a column, up to so many, for a legend.
 const MAX_VALUES = 12;
-const valueColour = (value) => REASON_COLOURS[Number(value) % REASON_COLOURS.length];
+const VALUE_COLOURS = [...REASON_COLOURS.slice(1), '#882255']; // without the one that is near "rejected"
+const valueColour = (value) => VALUE_COLOURS[Number(value) % VALUE_COLOURS.length];
 function valuesOf(data, name) {
   const found = new Set();
   for (const frame of data.frames) for (const value of frame.columns[name]) found.add(Number(value));
@@ -61,7 +62,7 @@ function valuesOf(data, name) {
 export function tintOf(data, mode) {
   const names = COLOUR_COLUMNS[mode];
   if (names.length === 1) {
-    const table = REASON_COLOURS.map((text) => rgb(text).map((value) => Math.round(255 * value)));
+    const table = VALUE_COLOURS.map((text) => rgb(text).map((value) => Math.round(255 * value)));
     return (columns, i, out) => out.set(table[Number(columns[names[0]][i]) % table.length], 4 * i);
   }
   // Files hold 8 or 16 bits.
