@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
@@ -34,16 +34,58 @@ def pytest_configure(config: pytest.Config) -> None:
         config.addinivalue_line('filterwarnings', ignore)
 
 
+REAL = ROOT.parent / 'shared' / 'data'
+NEED_REAL = 'real_data'  # the fixture of the tests that only real recordings serve
+LEFT_OUT = (
+    '{} tests need real recordings and clouds, which must be in ../shared/data of the project; '
+    'CONTRIBUTING.md says where they come from'
+)
+left_out = pytest.StashKey[int]()
+
+
 @pytest.fixture(scope='session')
-def recordings() -> Path:
-    """Find the folder of real recordings; without it CI fails, and a test elsewhere is skipped."""
-    folder = ROOT.parent / 'shared' / 'data'
-    if not (folder / 'bags').is_dir():
-        missing = 'the real recordings must be in ../shared/data of the project, got no such folder'
-        if os.environ.get('CI'):
-            pytest.fail(missing)
-        pytest.skip(missing)
-    return folder
+def real_data() -> Path:
+    """Find the folder of real recordings and clouds; without it CI fails."""
+    assert (REAL / 'bags').is_dir(), LEFT_OUT.format('some')
+    return REAL
+
+
+@pytest.fixture(scope='session')
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Find a folder with ``bags``: real ones, or where there are none, simulated ones like them."""
+    if (REAL / 'bags').is_dir():
+        return REAL
+    from helpers.stand_ins import write_stand_ins  # noqa: PLC0415
+
+    return write_stand_ins(tmp_path_factory.mktemp('stand_ins'))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the tests of real recordings where there are none; not in CI."""
+    if (REAL / 'bags').is_dir() or os.environ.get('CI'):
+        return
+    real = [item for item in items if NEED_REAL in getattr(item, 'fixturenames', ())]
+    config.stash[left_out] = len(real)
+    config.hook.pytest_deselected(items=real)
+    items[:] = [item for item in items if item not in real]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Tell the process that started this one how many were left out."""
+    if hasattr(session.config, 'workeroutput'):
+        session.config.workeroutput[NEED_REAL] = session.config.stash.get(left_out, 0)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take the number from a process that has run tests: all of them collect alike."""
+    node.config.stash[left_out] = getattr(node, 'workeroutput', {}).get(NEED_REAL, 0)
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say in one line which tests were left out, and where their data come from."""
+    if count := config.stash.get(left_out, 0):
+        terminalreporter.write_line(LEFT_OUT.format(count))
 
 
 # Tests without ROS do not wait for its import.

@@ -285,13 +285,13 @@ def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> 
 
 
 @pytest.fixture
-def here(drive: Path, recordings: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(drive: Path, real_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work where there are a recording, a folder of one, a file of points and a folder of one."""
     folder = drive.parent
     shutil.copytree(drive, folder / 'drives/a')
     (folder / 'strips').mkdir()
     for name in ('plane.laz', 'strips/a.laz'):
-        shutil.copy(recordings / 'clouds' / 'plane.laz', folder / name)
+        shutil.copy(real_data / 'clouds' / 'plane.laz', folder / name)
     (folder / 'cloud.xyz').write_text('1.0 2.0 3.0\n2.0 3.0 4.0\n')
     monkeypatch.chdir(folder)
     return folder

@@ -251,10 +251,10 @@ def test_unknown_formats(tmp_path: Path) -> None:
             open_cloud(tmp_path / name)
 
 
-def test_a_table_for_databases_only(recordings: Path) -> None:
+def test_a_table_for_databases_only(real_data: Path) -> None:
     """A file that has no tables must not be asked for one."""
     with pytest.raises(CloudError, match=r"given for a database only, not for \.ply, got 'points'"):
-        open_cloud(recordings / 'clouds' / 'source.ply', 'points')
+        open_cloud(real_data / 'clouds' / 'source.ply', 'points')
 
 
 @pytest.mark.parametrize(

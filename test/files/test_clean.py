@@ -47,10 +47,10 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.fixture
-def folder(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Copy the real clouds to where output may be put beside them; widen the terminal."""
     monkeypatch.setenv('COLUMNS', '200')
-    for path in (recordings / 'clouds').iterdir():
+    for path in (real_data / 'clouds').iterdir():
         if path.is_file():
             (tmp_path / path.name).write_bytes(path.read_bytes())
     return tmp_path

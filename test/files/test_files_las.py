@@ -96,10 +96,10 @@ def patch(path: Path, offset: int, data: bytes) -> None:
 
 
 @pytest.fixture
-def real(recordings: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+def real(real_data: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     """Copy a real file to where its output may be put beside it."""
     path = tmp_path / str(request.param)
-    path.write_bytes((recordings / 'clouds' / path.name).read_bytes())
+    path.write_bytes((real_data / 'clouds' / path.name).read_bytes())
     return path
 
 

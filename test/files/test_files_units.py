@@ -155,10 +155,10 @@ def test_deviations_have_the_unit_of_the_coordinates(tmp_path: Path) -> None:
 
 
 def test_limits_are_in_metres(
-    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A radius of 30 m is 30 m; the copy has the coordinates of the file, and the log its unit."""
-    path = recordings / 'clouds' / 'autzen-point-format-3.las'
+    path = real_data / 'clouds' / 'autzen-point-format-3.las'
     out = tmp_path / 'out.las'
     options = ['--chain', 'sor', '--set', 'sor.statistic=radius', '--set', 'sor.radius=30.0']
     assert main(['clean', str(path), *options, '--output', str(out)]) == 0

@@ -18,9 +18,9 @@ RUN = [name for name in pages() if not all(map(reason, commands(ROOT / name)))]
 
 
 @pytest.fixture(scope='module')
-def runs(tmp_path_factory: pytest.TempPathFactory, recordings: Path) -> Pages:
+def runs(tmp_path_factory: pytest.TempPathFactory, real_data: Path) -> Pages:
     """Run each page once."""
-    assert recordings.is_dir()
+    assert real_data.is_dir()
     return Pages(tmp_path_factory.mktemp('pages'))
 
 

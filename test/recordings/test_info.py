@@ -109,10 +109,10 @@ def test_lines_across_a_road_are_no_rings() -> None:
     ],
 )
 def test_real_sensors(  # noqa: PLR0913  a row of the table
-    recordings: Path, name: str, lines: int, low: float, high: float, *, even: bool
+    real_data: Path, name: str, lines: int, low: float, high: float, *, even: bool
 ) -> None:
     """Rings are as many, and as high, as the maker says."""
-    info = look(recordings / 'bags' / name)
+    info = look(real_data / 'bags' / name)
     (cloud,) = info.clouds.values()
     found = cloud.geometry
     assert found is not None
@@ -177,9 +177,9 @@ def test_command_without_clouds(tmp_path: Path, capsys: Capture) -> None:
     assert cells == ['/text', STRING, '3', '1', '1', '3 s', '0']
 
 
-def test_command_on_a_file(recordings: Path, capsys: Capture) -> None:
+def test_command_on_a_file(real_data: Path, capsys: Capture) -> None:
     """A file of points has its columns and their extents."""
-    path = recordings / 'clouds' / 'autzen-point-format-3.las'
+    path = real_data / 'clouds' / 'autzen-point-format-3.las'
     assert main(['info', str(path)]) == 0
     text = capsys.readouterr().out
     assert '106 points' in text
@@ -201,10 +201,10 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     assert info.extent['y'] == (7.0, 7.0)
 
 
-def test_damaged_file(tmp_path: Path, recordings: Path, capsys: Capture) -> None:
+def test_damaged_file(tmp_path: Path, real_data: Path, capsys: Capture) -> None:
     """What the library raises in the middle of the points is one sentence, too."""
     path = tmp_path / 'damaged.laz'
-    data = bytearray((recordings / 'clouds' / 'plane.laz').read_bytes())
+    data = bytearray((real_data / 'clouds' / 'plane.laz').read_bytes())
     data[5000:20000] = b'\xff' * 15000
     path.write_bytes(data)
     assert main(['info', str(path)]) == 1

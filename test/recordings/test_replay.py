@@ -261,12 +261,12 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
     'name',
     ['512x10_raw.bag', 'continental_ars548', 'example.bag', 'example-bz2.bag', 'example-lz4.bag'],
 )
-def test_real_recording_without_clouds(recordings: Path, tmp_path: Path, name: str) -> None:
+def test_real_recording_without_clouds(real_data: Path, tmp_path: Path, name: str) -> None:
     """Raw packets, radar and turtles are no clouds; the sentence says what is there instead."""
     with pytest.raises(
         RecordingError, match=r'must be one with a topic of type .*, got /\w+'
     ) as no:
-        replay(recordings / 'not_lidar' / name, tmp_path / 'out')
+        replay(real_data / 'not_lidar' / name, tmp_path / 'out')
     assert '\n' not in str(no.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -89,11 +89,11 @@ def test_lof_of_sweeps(recordings: Path, recording: str) -> None:
 
 
 @pytest.mark.parametrize('k', [1, 5, 20, 60])
-def test_lof_of_small_clouds(recordings: Path, k: int) -> None:
+def test_lof_of_small_clouds(real_data: Path, k: int) -> None:
     """scikit-learn's factors with other numbers of neighbours, in metres and in feet."""
     clouds = [make(np.random.default_rng(k)) for make in (scattered, sheet, corner)]
-    clouds.append(ascii_pcd(recordings / 'clouds' / 'bun0.pcd'))
-    clouds.append(las(recordings / 'clouds' / 'autzen-point-format-3.las'))
+    clouds.append(ascii_pcd(real_data / 'clouds' / 'bun0.pcd'))
+    clouds.append(las(real_data / 'clouds' / 'autzen-point-format-3.las'))
     for xyz in clouds:
         assert differences(xyz, k).max() < 1e-6
 
@@ -104,17 +104,17 @@ def kept(xyz: Floats, parameters: Sor) -> int:
     return int(np.count_nonzero(score <= 1))
 
 
-def test_counts_of_pcl(recordings: Path) -> None:
+def test_counts_of_pcl(real_data: Path) -> None:
     """StatisticalOutlierRemoval (50, 1.0) and RadiusOutlierRemoval (0.02, 14) on its bunny."""
-    xyz = ascii_pcd(recordings / 'clouds' / 'bun0.pcd')
+    xyz = ascii_pcd(real_data / 'clouds' / 'bun0.pcd')
     assert len(xyz) == 397
     assert kept(xyz, Sor(k=50, multiplier=1.0)) == 352
     assert kept(xyz, Sor(statistic='radius', radius=0.02, min_neighbors=14)) == 307
 
 
-def test_counts_of_pdal(recordings: Path) -> None:
+def test_counts_of_pdal(real_data: Path) -> None:
     """Statistical (mean_k, multiplier) and radius (radius, min_k) on a piece of Autzen."""
-    xyz = las(recordings / 'clouds' / 'autzen-point-format-3.las')
+    xyz = las(real_data / 'clouds' / 'autzen-point-format-3.las')
     assert len(xyz) == 106
     assert kept(xyz, Sor(k=2, multiplier=1.5)) == 96
     assert kept(xyz, Sor(k=5, multiplier=0.0)) == 63

@@ -86,9 +86,9 @@ def columns(path: Path, *names: str) -> list[NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize('name', TABLES)
-def test_rings_of_tables(recordings: Path, name: str) -> None:
+def test_rings_of_tables(real_data: Path, name: str) -> None:
     """However unevenly a sensor's rings are spaced, each of its points is in its own."""
-    elevations = table(recordings / 'ring_tables' / name)
+    elevations = table(real_data / 'ring_tables' / name)
     xyz, ring = room(elevations)
     assert share_right(recover_rings(xyz), ring) > 0.999
 
@@ -157,10 +157,10 @@ def first_cloud(path: Path) -> tuple[Floats, Ints]:
     'name',
     [HELIOS, 'rubyplus_1693387801484595521.pcd', 'bpearl_1692928171930900197.pcd'],
 )
-def test_sweeps(recordings: Path, name: str) -> None:
+def test_sweeps(real_data: Path, name: str) -> None:
     """So it is of sweeps within a few metres, uneven rings and rings up to the zenith."""
     x, y, z, channel, distance = columns(
-        recordings / 'clouds' / 'sensors' / name, 'x', 'y', 'z', 'channel', 'distance'
+        real_data / 'clouds' / 'sensors' / name, 'x', 'y', 'z', 'channel', 'distance'
     )
     valid = np.isfinite(x) & (distance > 0)
     xyz = np.stack([x, y, z], axis=1)[valid]
@@ -172,9 +172,9 @@ def test_sweeps(recordings: Path, name: str) -> None:
     ['autzen_trim.laz', 'plane.laz', 'samp41-utm.pcd', 'sample_lareunion_epsg2975.laz',
      'test_semis_2021_0382_6565_LA93_IGN69_cropped.laz', 'bun0.pcd'],
 )  # fmt: skip
-def test_others_have_none(recordings: Path, name: str) -> None:
+def test_others_have_none(real_data: Path, name: str) -> None:
     """Clouds from the air, of walls and of things have none, wherever one looks from."""
-    xyz = np.stack(columns(recordings / 'clouds' / name, 'x', 'y', 'z'), axis=1)
+    xyz = np.stack(columns(real_data / 'clouds' / name, 'x', 'y', 'z'), axis=1)
     if name.startswith('samp41'):
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
     for origin in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
@@ -229,9 +229,9 @@ def test_intensity_of_arrays() -> None:
     assert not np.array_equal(dark.score, lit.score)
 
 
-def test_files(recordings: Path, tmp_path: Path) -> None:
+def test_files(real_data: Path, tmp_path: Path) -> None:
     """``clean`` says how many rings it recovered, ``info`` too; tiles change nothing."""
-    path = recordings / 'clouds' / 'source.ply'
+    path = real_data / 'clouds' / 'source.ply'
     assert describe_file(path).rings == 32
     wanted = CleanOptions(SEPARATE)
     reports = [
@@ -247,7 +247,7 @@ def test_files(recordings: Path, tmp_path: Path) -> None:
     assert [report.rings for report in reports] == [32, 32]
     assert json.loads((tmp_path / '0.ply.json').read_text())['rings'] == 32
     assert (tmp_path / '0.ply').read_bytes() == (tmp_path / '5.ply').read_bytes()
-    plain = describe_file(recordings / 'clouds' / 'plane.laz')
+    plain = describe_file(real_data / 'clouds' / 'plane.laz')
     assert plain.rings == 0
 
 

@@ -16,6 +16,7 @@ from helpers import ROOT
 
 PROGRAM = ROOT / 'benchmarks' / 'golden.py'
 NAME = 'vlp16_mrpt_mcap'
+pytestmark = pytest.mark.usefixtures('real_data')
 
 
 @pytest.fixture(scope='module')

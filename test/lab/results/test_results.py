@@ -34,13 +34,13 @@ def test_statistics() -> None:
         np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
 
 
-def test_labelled_clouds(recordings: Path) -> None:
+def test_labelled_clouds(real_data: Path) -> None:
     """Artefacts are found by their class; a cloud without them is none."""
-    sample = real_clouds.labelled(recordings / 'clouds' / 'sample_lareunion_epsg2975.laz')
+    sample = real_clouds.labelled(real_data / 'clouds' / 'sample_lareunion_epsg2975.laz')
     assert sample is not None
     assert np.count_nonzero(sample.data.bad) == 3
     assert len(sample.data) == 59_712
-    assert real_clouds.labelled(recordings / 'clouds' / 'plane.laz') is None
+    assert real_clouds.labelled(real_data / 'clouds' / 'plane.laz') is None
 
 
 def test_without_real_clouds(tmp_path: Path) -> None:

@@ -56,9 +56,9 @@ def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
     assert points.valid.all()
 
 
-def test_rings_of_published_tables(recordings: Path, tmp_path: Path) -> None:
+def test_rings_of_published_tables(real_data: Path, tmp_path: Path) -> None:
     """Elevations are those of the files, in ascending order; sensors simulated have them."""
-    folder = recordings / 'ring_tables'
+    folder = real_data / 'ring_tables'
     pandar = np.degrees(read_elevations(folder / 'Pandar64.csv'))
     assert pandar[[0, -1]] == pytest.approx([-24.897, 14.9], abs=0.02)
     assert (np.diff(pandar) > 0).all()
@@ -74,9 +74,9 @@ def test_rings_of_published_tables(recordings: Path, tmp_path: Path) -> None:
         read_elevations(tmp_path / 'wrong.csv')
 
 
-def test_single_sweeps(recordings: Path) -> None:
+def test_single_sweeps(real_data: Path) -> None:
     """Files without rings or times get both: the points of a ring lie on a cone, in turn."""
-    found = dict(read_single_sweeps(recordings))
+    found = dict(read_single_sweeps(real_data))
     assert {*found} == {'Pandar64', 'Pandar40P', 'Helios', 'RubyPlus', 'Bpearl'}
     assert {name: len(clouds) for name, clouds in found.items()} == {
         'Pandar64': 1, 'Pandar40P': 1, 'Helios': 1, 'RubyPlus': 2, 'Bpearl': 2
@@ -85,7 +85,7 @@ def test_single_sweeps(recordings: Path) -> None:
         assert all(map(scenes.has_pattern, clouds))
     (pandar,) = found['Pandar64']
     up = np.degrees(np.arcsin(pandar.xyz[:, 2] / pandar.range))
-    table = np.degrees(read_elevations(recordings / 'ring_tables' / 'Pandar64.csv'))
+    table = np.degrees(read_elevations(real_data / 'ring_tables' / 'Pandar64.csv'))
     assert np.abs(up - table[pandar.line]).max() < 0.01
 
 

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated recordings in the layouts of the makers' drivers, for machines without real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_lab.simulation.scenes.spinning_streets import plan, rings
+from lidar_outlier_lab.simulation.world.drive import simulate
+from lidar_outlier_lab.simulation.world.recording import messages
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from lidar_outlier_filter.annotations import Rows
+
+    Lay = Callable[[Rows, int, SpinningScanner], Any]  # points, nanoseconds of the first shot
+
+STORE, ROS1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+NAME = 'sensor_msgs/msg/PointCloud2'
+TURN = 100_000_000  # nanoseconds
+DATATYPES = {'<f4': 7, '<f8': 8, '<u4': 6, '<u2': 4}
+XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]
+VELODYNE = np.dtype([*XYZI, ('ring', '<u2'), ('time', '<f4')])
+HESAI = np.dtype([*XYZI, ('ring', '<u2'), ('azimuth', '<f4'), ('stamp', '<f8')])
+LINK = np.dtype([*XYZI, ('ring', '<u2'), ('timestamp', '<f8')])
+OUSTER = np.dtype(
+    {
+        'names': ['x', 'y', 'z', 'intensity', 't', 'reflectivity', 'ring', 'ambient', 'range'],
+        'formats': ['<f4', '<f4', '<f4', '<f4', '<u4', '<u2', '<u2', '<u2', '<u4'],
+        'offsets': [0, 4, 8, 16, 20, 24, 26, 28, 32],
+        'itemsize': 48,
+    }
+)
+CLOCK_OFF = 126_000_000  # seconds that a Hesai's own clock is behind
+TIMES = 250  # different times of a turn in the layout of `lidar_link`
+
+
+def write_cloud(rows: Rows, stamp: int, frame: str, *, is_dense: bool = True) -> bytes:
+    """Serialise rows (N,) or (height, width) as a message."""
+    grid = np.atleast_2d(rows)
+    fields: Any = rows.dtype.fields
+    types = STORE.types
+    time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9))
+    cloud = types[NAME](
+        types['std_msgs/msg/Header'](time, frame),
+        *grid.shape,
+        [
+            types['sensor_msgs/msg/PointField'](name, offset, DATATYPES[kind.str], 1)
+            for name, (kind, offset) in fields.items()
+        ],
+        is_bigendian=False,
+        point_step=rows.dtype.itemsize,
+        row_step=rows.dtype.itemsize * grid.shape[1],
+        data=np.frombuffer(grid.tobytes(), np.uint8),
+        is_dense=is_dense,
+    )
+    return bytes(STORE.serialize_cdr(cloud, NAME))
+
+
+def _filled(points: Rows, layout: np.dtype[np.void]) -> Rows:
+    rows = np.zeros(len(points), layout)
+    for name in {'x', 'y', 'z', 'intensity', 'ring', 't'} & {*(layout.names or ())}:
+        rows[name] = points[name]
+    return rows
+
+
+def velodyne(points: Rows, stamp: int, _sensor: SpinningScanner) -> bytes:
+    """Lay out a turn as ROS's driver does: the stamp is that of the end, times are before it."""
+    rows = _filled(points, VELODYNE)
+    rows['time'] = points['t'] * 1e-9 - TURN * 1e-9
+    return write_cloud(rows, stamp + TURN, 'velodyne')
+
+
+def hesai(points: Rows, stamp: int, _sensor: SpinningScanner) -> bytes:
+    """Lay out a turn with absolute times of a clock of its own."""
+    rows = _filled(points, HESAI)
+    rows['azimuth'] = np.degrees(np.arctan2(points['x'], points['y']))
+    rows['stamp'] = (stamp + points['t'].astype(np.int64)) * 1e-9 - CLOCK_OFF
+    return write_cloud(rows, stamp, 'hesai')
+
+
+def link(points: Rows, stamp: int, _sensor: SpinningScanner) -> bytes:
+    """Lay out a turn whose points share few times."""
+    rows = _filled(points, LINK)
+    step = TURN // TIMES
+    rows['timestamp'] = (stamp + points['t'].astype(np.int64) // step * step) * 1e-9
+    return write_cloud(rows, stamp, 'lidar_link', is_dense=False)
+
+
+def ouster(points: Rows, stamp: int, sensor: SpinningScanner) -> bytes:
+    """Lay out a turn as a range image, each ring shifted; what is missing is 0, 0, 0."""
+    rows = _filled(points, OUSTER)
+    xyz = np.stack([points[axis].astype(np.float64) for axis in 'xyz'])
+    rows['range'] = np.rint(1000.0 * np.linalg.norm(xyz, axis=0))
+    rows['reflectivity'] = np.minimum(points['intensity'], 255)
+    grid = np.zeros((sensor.rings, sensor.columns), OUSTER)
+    grid['ring'] = np.arange(sensor.rings)[:, None]
+    shift = 12 * (points['ring'].astype(np.int64) % 4)
+    column = (points['t'] // sensor.column_time + shift) % sensor.columns
+    grid[points['ring'], column] = rows
+    return write_cloud(grid, stamp, 'os_lidar')
+
+
+class StandIn(NamedTuple):
+    """What a recording is made of; it is written under each of its names."""
+
+    names: tuple[str, ...]
+    sensor: SpinningScanner
+    turns: int
+    topic: str
+    lay: Lay
+
+
+def scanner(low: float, high: float, count: int, columns: int) -> SpinningScanner:
+    """Make a sensor that turns ten times a second; elevations in degrees."""
+    column_time = TURN // columns // count * count
+    return SpinningScanner(
+        elevation=rings(low, high, count), columns=columns, column_time=column_time
+    )
+
+
+STAND_INS = (
+    StandIn(
+        ('vlp16_mrpt.bag', 'vlp16_mrpt_db3', 'vlp16_mrpt_mcap'),
+        scanner(-15.0, 15.0, 16, 1500),
+        4,
+        '/velodyne_points',
+        velodyne,
+    ),
+    StandIn(
+        ('hdl32_mrpt_mcap',), scanner(-30.67, 10.67, 32, 2000), 3, '/velodyne_points', velodyne
+    ),
+    StandIn(
+        ('vlp32_nebula.bag', 'vlp32_nebula_db3'),
+        scanner(-25.0, 15.0, 32, 1000),
+        5,
+        '/velodyne_points',
+        velodyne,
+    ),
+    StandIn(('os1_128_db3',), scanner(-22.5, 22.5, 128, 1024), 3, '/ouster/points', ouster),
+    StandIn(('os0_32.bag',), scanner(-45.0, 45.0, 32, 1024), 1, '/ouster/points', ouster),
+    StandIn(
+        ('hesai_xt32_nebula_mcap',), scanner(-16.0, 15.0, 32, 2000), 4, '/pandar_points', hesai
+    ),
+    StandIn(
+        ('cloudini_lidar_link_mcap',), scanner(-16.0, 15.0, 32, 2000), 1, '/lidar_points', link
+    ),
+)
+
+
+def turns(one: StandIn) -> Iterator[tuple[int, bytes]]:
+    """Simulate turns in a dry street: bag time and message of each."""
+    street = plan(one.sensor.rings, 7)
+    drive = replace(street, sensor=one.sensor, lines=one.turns, scene=replace(street.scene, air=()))
+    for cloud in messages(drive, simulate(drive), 1):
+        yield cloud.sent, one.lay(cloud.points, cloud.stamp, one.sensor)
+
+
+def write_stand_ins(folder: Path) -> Path:
+    """Write all of them into ``bags``; return the folder."""
+    (folder / 'bags').mkdir()
+    for one in STAND_INS:
+        made = list(turns(one))
+        for name in one.names:
+            _write(folder / 'bags' / name, one.topic, made)
+    return folder
+
+
+def _write(path: Path, topic: str, made: list[tuple[int, bytes]]) -> None:
+    if path.suffix == '.bag':
+        with Writer1(path) as old:
+            link_ = old.add_connection(topic, NAME, typestore=ROS1)
+            for time, data in made:
+                old.write(link_, time, STORE.cdr_to_ros1(data, NAME))
+        return
+    plugin = StoragePlugin.SQLITE3 if path.name.endswith('db3') else StoragePlugin.MCAP
+    with Writer2(path, version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection(topic, NAME, typestore=STORE)
+        for time, data in made:
+            bag.write(connection, time, data)
