@@ -164,6 +164,7 @@ def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> Non
     assert said in opened(path)
 
 
+@pytest.mark.slow
 def test_a_value_that_all_rows_share(tmp_path: Path) -> None:
     """A default of a column that came later is in the file once, and in each of its rows."""
     path = tmp_path / 'cloud.db'
