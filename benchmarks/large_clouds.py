@@ -4,12 +4,9 @@
 
     python benchmarks/large_clouds.py [--seconds S] [--write]
     RMW_IMPLEMENTATION=rmw_cyclonedds_cpp python benchmarks/large_clouds.py --write
-    python benchmarks/large_clouds.py --zenoh --write
 
 Clouds of 1 to 6 MB are sent at 10 Hz, best effort and reliable, with a queue of five as drivers
-have; nobody filters. ``--zenoh`` sends bytes of that size over Zenoh alone, without ROS; it needs
-``pip install eclipse-zenoh``. ``--write`` puts the table of this middleware into
-``doc/large_clouds.md``.
+have; nobody filters. ``--write`` puts the table of this middleware into ``doc/large_clouds.md``.
 """
 
 # ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports one middleware
@@ -22,7 +19,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lidar_outlier_lab.results.markdown import table, write
 
@@ -57,13 +54,7 @@ SETTINGS: dict[str, dict[str, dict[str, str]]] = {
             'CYCLONEDDS_URI': f'file://{CONFIG / "cyclonedds_large_clouds.xml"}'
         },
     },
-    'zenoh': {
-        'as it is: waits 1 ms before it drops': {},
-        'waits 50 ms before it drops': {'WAIT_BEFORE_DROP': '50000'},
-    },
 }
-ENDPOINT = 'tcp/127.0.0.1:7465'
-WAIT = 'transport/link/tx/queue/congestion_control/drop/wait_before_drop'  # microseconds
 
 
 class RosSide:
@@ -104,47 +95,6 @@ class RosSide:
         return len(came)
 
 
-class ZenohSide:
-    """One of two processes, with Zenoh alone."""
-
-    def __init__(self, kind: str) -> None:
-        """Configure a session on this machine."""
-        import zenoh
-
-        self._zenoh, self._config = zenoh, zenoh.Config()
-        self._control = getattr(
-            zenoh.CongestionControl, 'DROP' if kind == 'best_effort' else 'BLOCK'
-        )
-        self._config.insert_json5('scouting/multicast/enabled', 'false')
-        if wait := os.environ.get('WAIT_BEFORE_DROP'):
-            self._config.insert_json5(WAIT, wait)
-
-    def _open(self, mine: str, others: str) -> Any:
-        self._config.insert_json5('listen/endpoints', mine)
-        self._config.insert_json5('connect/endpoints', others)
-        return self._zenoh.open(self._config)
-
-    def send(self, size: int, count: int) -> None:
-        """Publish bytes, as a sensor does."""
-        data = os.urandom(size)
-        with self._open('[]', f'["{ENDPOINT}"]') as session:
-            publisher = session.declare_publisher(TOPIC, congestion_control=self._control)
-            until(lambda: publisher.matching_status.matching)
-            for _ in due(count):
-                publisher.put(data)
-            time.sleep(REST)
-
-    def listen(self) -> int:
-        """Count what comes until the sensor goes."""
-        came: list[int] = []
-        with self._open(f'["{ENDPOINT}"]', '[]') as session:
-            session.declare_subscriber(TOPIC, lambda sample: came.append(len(sample.payload)))
-            until(session.info.peers_zid)
-            while session.info.peers_zid():
-                time.sleep(0.1)
-        return len(came)
-
-
 def until(is_so: Callable[[], object]) -> None:
     """Wait until the other side is found."""
     end = time.monotonic() + FOUND
@@ -162,10 +112,10 @@ def due(count: int) -> Iterator[int]:
         yield number
 
 
-def lost(name: str, setting: Mapping[str, str], size: int, count: int, kind: str) -> float:
+def lost(setting: Mapping[str, str], size: int, count: int, kind: str) -> float:
     """Send clouds from one process to another; give the share that was lost."""
     env = os.environ | {'ROS_DOMAIN_ID': DOMAIN} | setting
-    call = [sys.executable, __file__, '--side', name, str(size), str(count), kind]
+    call = [sys.executable, __file__, '--side', str(size), str(count), kind]
     with (
         subprocess.Popen(  # noqa: S603  ours
             [*call, 'listen'], env=env, stdout=subprocess.PIPE, text=True
@@ -178,9 +128,9 @@ def lost(name: str, setting: Mapping[str, str], size: int, count: int, kind: str
     return 1 - int(said) / count
 
 
-def be_side(name: str, size: str, count: str, kind: str, role: str) -> None:
+def be_side(size: str, count: str, kind: str, role: str) -> None:
     """Be one of the two processes."""
-    side = ZenohSide(kind) if name == 'zenoh' else RosSide(kind)
+    side = RosSide(kind)
     if role == 'send':
         side.send(int(size), int(count))
     else:
@@ -201,7 +151,7 @@ def measure(name: str, seconds: float) -> str:
         row = [text]
         for kind in KINDS:
             for size in MEGABYTES:
-                share = lost(name, setting, size * 10**6, count, kind)
+                share = lost(setting, size * 10**6, count, kind)
                 print(f'{name}, {text}, {kind}, {size} MB: {share:.1%} of {count}', flush=True)
                 row.append(f'{100 * share:.0f} %')
         rows.append(row)
@@ -215,14 +165,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument('--seconds', type=float, default=20.0)
-    parser.add_argument('--zenoh', action='store_true')
     parser.add_argument('--write', action='store_true')
-    parser.add_argument('--side', nargs=5, help=argparse.SUPPRESS)
+    parser.add_argument('--side', nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.side:
         be_side(*options.side)
         return
-    name = 'zenoh' if options.zenoh else middleware()
+    name = middleware()
     text = measure(name, options.seconds)
     print(text)
     if options.write:
