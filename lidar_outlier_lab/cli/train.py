@@ -81,15 +81,6 @@ def add_train(commands: Commands) -> None:
         metavar='S',
         help=f'{" and ".join(BOTH)}, or only one; the other is judged only; default: both',
     )
-    parser.add_argument(
-        '--without', nargs='+', default=[], metavar='FEATURE', help='features to leave out'
-    )
-    parser.add_argument(
-        '--monotone',
-        action='store_true',
-        help='let log-odds only rise with distances and first results around, and only fall with '
-        'shares that are near',
-    )
     add_parameter_options(parser)
     parser.add_argument(
         '--output',
@@ -142,7 +133,7 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
     recordings, scanners = _recordings(options), _scanners(options)
     sweeps = make_sweeps(recordings, scanners, options.seed, options.train_on, progress)
     about = _about([name for name, _ in recordings], [*scanners], options.train_on)
-    recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
+    recipe = Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
     return result.text, result.threshold, _tables(result.held_out)
 
@@ -182,8 +173,6 @@ def _check_alone(options: argparse.Namespace, name: str) -> None:
         '--data': options.data,
         '--onto': options.onto,
         '--train-on': options.train_on is not BOTH,
-        '--without': options.without,
-        '--monotone': options.monotone,
         '--params': options.params,
         '--set': options.settings,
     }

@@ -83,7 +83,6 @@ def learn(
     drawn: Sequence[Drawn],
     names: Sequence[str],
     rounds: int,
-    signs: Sequence[int] | None = None,
 ) -> dict[str, Any]:
     """Learn an ensemble of so many trees from all drawn points, and write it; see :func:`fit`."""
     learner = fit(
@@ -91,7 +90,6 @@ def learn(
         np.concatenate([one.outlier for one in drawn]),
         np.concatenate([one.weight for one in drawn]),
         rounds,
-        signs,
     )
     return export(learner, names)
 
@@ -101,13 +99,8 @@ def fit(
     outlier: NDArray[np.bool_],
     weight: NDArray[np.float64],
     rounds: int,
-    signs: Sequence[int] | None = None,
 ) -> Learner:
-    """Learn so many trees from points with these features (F, N).
-
-    ``signs`` (F,): 1 where the log-odds may only rise with a feature, -1 where they may only fall,
-    0 for either; None: either for all.
-    """
+    """Learn so many trees from points with these features (F, N)."""
     learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
         max_iter=rounds,
         max_leaf_nodes=2**DEPTH,
@@ -118,7 +111,6 @@ def fit(
         min_samples_leaf=FEWEST,
         l2_regularization=1.0,
         random_state=0,
-        monotonic_cst=signs,
     )
     # On a busy machine its threads wait for each other much longer than one works alone.
     with import_module('threadpoolctl').threadpool_limits(1):

@@ -68,18 +68,10 @@ ENOUGH = 500  # outliers of a sweep from which on all sweeps count the same
 BAD_COUNTS = {'ghosts': 0.15, 'mixed': 0.3, 'street': 1.5}
 GOOD_COUNTS = {CLEAN: 5.0, 'street': 1.5}
 GOOD_COUNT = (2.0, 8.0)  # how much good points count, in both passes
-# The log-odds may only rise with these features, whatever else is known of a point: far from all
-# others, off all predictions, amidst points that are outliers.
-RISE = (
-    *('step', 'leap', 'along', 'along_m', 'between', 'beside', 'across'),
-    *('near3', 'near5', 'near5_m', 'first', 'first_own', 'first_other', 'first_close'),
-    *('first_level', 'wide_own', 'wide_other', 'share', 'share_range'),
-)
 FOLDS = 8  # parts of the sensors, each of which is left out once
 BETWEEN = 0.3  # m, at least, from a mixed point to either surface, beside what rings are apart
 OFF = 0.1  # m, at least, from what its neighbours predict
 NEXT = 3.0  # steps, at most, to the returns before and after
-FALL = ('level_own', 'level_other', 'dense', 'sparse')  # and only fall with these
 
 
 class Sweep(NamedTuple):
@@ -104,8 +96,6 @@ class Recipe(NamedTuple):
     ----------
     seed : of the points drawn, from 0
     rounds : trees of both ensembles
-    without : features that are left out
-    monotone : whether log-odds may only rise with ``RISE``, and only fall with ``FALL``
     folds : parts of the sensors, each of which is left out once
     unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
 
@@ -113,8 +103,6 @@ class Recipe(NamedTuple):
 
     seed: int = 1
     rounds: tuple[int, int] = ROUNDS
-    without: Collection[str] = ()
-    monotone: bool = False
     folds: int = FOLDS
     unseen: Collection[str] = ()
 
@@ -151,8 +139,7 @@ def train(
     Raises
     ------
     FilterError
-        If a sweep has no scan pattern, no point is an outlier, there is one sensor only, or a
-        feature is not known.
+        If a sweep has no scan pattern, no point is an outlier, or there is one sensor only.
 
     """
     if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
@@ -167,7 +154,7 @@ def train(
         'version': VERSION,
         **about,
         'seed': recipe.seed,
-        'uses': _used(_names(again=True), recipe),
+        'uses': _used(_names(again=True)),
         'sweeps': [one.name for one in sweeps if one.trains and one.kind not in recipe.unseen],
         'held_out': held_out,
         'held_out_one_pass': one_pass,
@@ -288,22 +275,17 @@ def lie_between(pattern: Pattern, values: Singles) -> Bools:
 
 
 def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:
-    """Train an ensemble; leave out the features that the recipe leaves out."""
+    """Train an ensemble."""
     names = _names(again=again)
-    used = _used(names, recipe)
+    used = _used(names)
     rows = [names.index(name) for name in used]
-    signs = [(name in RISE) - (name in FALL) for name in used] if recipe.monotone else None
     some = [one._replace(values=one.values[rows]) for one in drawn]
-    return learn(some, used, recipe.rounds[again], signs)
+    return learn(some, used, recipe.rounds[again])
 
 
 def _names(*, again: bool) -> tuple[str, ...]:
     return (*WINDOW, *(SECOND_PASS if again else ()))
 
 
-def _used(names: Sequence[str], recipe: Recipe) -> list[str]:
-    unknown = sorted({*recipe.without} - {*_names(again=True)})
-    if unknown:
-        known = ', '.join(_names(again=True))
-        raise FilterError('a feature to leave out', f'one of {known}', ', '.join(unknown))
-    return [name for name in names if name not in {*recipe.without, *UNUSED}]
+def _used(names: Sequence[str]) -> list[str]:
+    return [name for name in names if name not in UNUSED]

@@ -129,14 +129,12 @@ def test_threshold_and_figures() -> None:
 
 
 def test_what_cannot_be_trained_on() -> None:
-    """Sweeps without outliers, one sensor, unknown features, and no pattern are refused."""
+    """Sweeps without outliers, one sensor, and no pattern are refused."""
     some = sweeps()
     with pytest.raises(FilterError, match='outliers'):
         train([one._replace(outlier=np.zeros_like(one.outlier)) for one in some], {})
     with pytest.raises(FilterError, match='sensors'):
         train([one._replace(sensor='one') for one in some], {})
-    with pytest.raises(FilterError, match='got colour'):
-        train(some, {}, Recipe(without=['colour', 'step']))
     few = some[0].points.take(slice(0, 8))
     with pytest.raises(FilterError, match='room 0'):
         train([*some[1:], some[0]._replace(points=few, outlier=some[0].outlier[:8])], {})
