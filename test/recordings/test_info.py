@@ -144,9 +144,9 @@ def wide(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures('wide')
-def test_command_on_a_recording(recordings: Path, capsys: Capture) -> None:
+def test_command_on_a_recording(real_data: Path, capsys: Capture) -> None:
     """The tables have the topic, how it is read, its lines and what the defaults do."""
-    assert main(['info', str(recordings / 'bags' / 'vlp16_mrpt_mcap')]) == 0
+    assert main(['info', str(real_data / 'bags' / 'vlp16_mrpt_mcap')]) == 0
     text = capsys.readouterr().out
     for part in (
         '/velodyne_points',

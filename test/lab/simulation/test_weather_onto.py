@@ -93,9 +93,9 @@ def put(msg: Any, name: str, weather: str, seed: int = 1, returns: str = 'strong
 
 @pytest.mark.parametrize('weather', WEATHER_NAMES)
 @pytest.mark.parametrize('name', ['vlp16_mrpt_mcap', 'os0_32.bag'])
-def test_what_is_left_alone(recordings: Path, name: str, weather: str) -> None:
+def test_what_is_left_alone(real_data: Path, name: str, weather: str) -> None:
     """Good points are those of the input in their order, but darker; an outlier says its cause."""
-    msg = first_cloud(recordings, name)
+    msg = first_cloud(real_data, name)
     old, new = rows(msg), rows(put(msg, name, weather))
     label, fields = new['label'], [n for n in old.dtype.names or () if n not in BRIGHT]
     there = (new['x'] != 0) | (new['y'] != 0) | (new['z'] != 0)
