@@ -41,9 +41,9 @@ print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
     ('what', 'source'),
     [('clean', 'clouds/plane.laz'), ('replay', 'bags/vlp16_mrpt_mcap')],
 )
-def test_killed_runs(recordings: Path, tmp_path: Path, what: str, source: str) -> None:
+def test_killed_runs(real_data: Path, tmp_path: Path, what: str, source: str) -> None:
     """Nothing stands under the final name; the next run succeeds, and removes what was left."""
-    command = [sys.executable, str(KILLING), what, str(recordings / source), str(tmp_path), '4']
+    command = [sys.executable, str(KILLING), what, str(real_data / source), str(tmp_path), '4']
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()
     assert len(lines) == 4
