@@ -149,6 +149,7 @@ def test_as_the_filter(chain: list[str] | None) -> None:
         assert_same(detect_outliers(given, chain=chain, parameters=fields), verdict)
 
 
+@pytest.mark.usefixtures('real_data')
 def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
     """Sweeps of a VLP-16, each judged by itself, have the verdict of the filter and of arrays."""
     stream = CloudFilter({'blocks': 'message', 'halo': 0.0, **STRICT})
