@@ -44,3 +44,20 @@ def sweep(seed: int, rings: int = 32, columns: int = 600) -> tuple[Points, Bools
     flat = distance * np.cos(down)
     xyz = [flat * np.cos(azimuth), flat * np.sin(azimuth), -distance * np.sin(down)]
     return points_of(np.stack(xyz, axis=1), column * 50_000, ring), snow
+
+
+def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:
+    """Hang a slanted tube above a road, where lines cross it, or with its end beside a panel."""
+    points, _ = road(seed, lines=24, strays=0.0)
+    rng = np.random.default_rng(seed)
+    shot, count = np.arange(len(points)) % 40, len(points)
+    slanted = (shot >= 14) & (shot < 17)
+    along = points.line / 8 + (shot - 14) * 0.03
+    xyz = points.xyz.copy()
+    xyz[slanted, 1] = -1.2 + 0.8 * along[slanted]
+    xyz[slanted, 2] = 1.0 + 0.6 * along[slanted]
+    panel = beside & (shot >= 20) & (shot < 28) & (points.line >= 18)
+    xyz[panel, 1], xyz[panel, 2] = 1.35, 2.5 + 0.05 * (shot[panel] - 20)
+    moved = slanted | panel
+    xyz[moved] += rng.normal(0, 0.004, (count, 3))[moved]
+    return points_of(xyz, points.t, points.line), slanted
