@@ -8,7 +8,6 @@ Coordinates count in multiples of 2**-510 m: squares of smaller differences woul
 """
 
 from collections.abc import Sequence
-from math import inf
 
 Point = Sequence[float]
 Cloud = Sequence[Point]
@@ -41,8 +40,3 @@ def nearest(cloud: Cloud, p: int, k: int) -> tuple[list[int], bool]:
 def within(cloud: Cloud, p: int, limit: float) -> list[int]:
     """Return the others whose squared distance is not greater than the limit, ascending."""
     return sorted(q for distance, q in by_distance(cloud, p) if distance <= limit)
-
-
-def nearest_elsewhere(cloud: Cloud, p: int) -> float:
-    """Return the squared distance to the nearest point at another place; inf if there is none."""
-    return min((distance for distance, _ in by_distance(cloud, p) if distance > 0), default=inf)

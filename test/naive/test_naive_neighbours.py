@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive neighbours against numbers worked out by hand: who else would test the reference."""
 
-from math import inf
-
 import pytest
 
 from naive import neighbours as naive
@@ -59,10 +57,3 @@ def test_within_takes_the_limit_in() -> None:
     assert naive.within(LINE, 2, 0) == [3]
     assert naive.within(LINE, 2, -1) == []
     assert naive.within(LINE, 0, 0) == []
-
-
-def test_nearest_elsewhere_leaves_out_what_coincides() -> None:
-    """From 3 the nearest other place is 1; where all are at one place there is none."""
-    assert naive.nearest_elsewhere(LINE, 2) == 4
-    assert naive.nearest_elsewhere(LINE, 0) == 1
-    assert naive.nearest_elsewhere([(1, 2, 3)] * 3, 1) == inf

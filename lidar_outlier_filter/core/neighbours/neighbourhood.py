@@ -266,29 +266,6 @@ class Neighbourhood:
         )
         return index
 
-    def nearest_elsewhere(self, which: Ints) -> Floats:
-        """Measure how far the nearest point is that does not coincide.
-
-        Parameters
-        ----------
-        which : (M,) int64
-            Indices in tree order.
-
-        Returns
-        -------
-        (M,) float64
-            The least squared distance greater than 0, m²; inf where all points coincide.
-
-        """
-        which = np.ascontiguousarray(which, np.int64)
-        xyz, tree, levels = self._for_walks(which)
-        result = np.empty(len(which))
-        self._in_threads(
-            lambda i, j: tree_walks.nearest_elsewhere(xyz, tree, levels, which[i:j], result[i:j]),
-            len(which),
-        )
-        return result
-
     def _build(self) -> _Sorted:
         given = self._given
         # Two threads may both come here, and then both build the same.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Other questions to a kd-tree: who is within a distance, and how far is the nearest elsewhere."""
+"""Points of a kd-tree within a distance, and lists that are kept when points are removed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, push
+from lidar_outlier_filter.core.neighbours.tree_steps import gap
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
@@ -99,29 +99,3 @@ def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Ind
                     found[count] = p
                 count += 1
     return count
-
-
-@kernel
-def nearest_elsewhere(xyz: Floats, tree: Tree, levels: int, which: Ints, result: Floats) -> None:
-    """Find for each of the points ``which`` the least squared distance greater than 0."""
-    nodes, gaps = np.empty(levels + 1, np.int64), np.empty(levels + 1)
-    for i in range(len(which)):
-        q = which[i]
-        x, y, z = xyz[q]
-        box = (x, y, z, x, y, z)
-        best = np.inf
-        nodes[0], gaps[0], waiting = 0, 0.0, 1
-        while waiting > 0:
-            waiting -= 1
-            node, nearest = nodes[waiting], gaps[waiting]
-            # A box without extent at no distance is the point itself, however many are in it.
-            if nearest >= best or (nearest == 0 and np.all(tree.low[node] == tree.high[node])):
-                continue
-            if tree.child[node] >= 0:
-                waiting = push(tree, node, box, nodes, gaps, waiting)
-                continue
-            for p in range(tree.first[node], tree.last[node]):
-                distance = squared(xyz, p, q)
-                if 0 < distance < best:
-                    best = distance
-        result[i] = best

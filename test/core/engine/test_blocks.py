@@ -289,14 +289,6 @@ def test_hurry_closes_what_was_told() -> None:
     assert made.push(points_at([11])) == []
 
 
-def test_hurry_with_nothing() -> None:
-    """A stream that holds nothing has nothing to hurry."""
-    made, _ = stream()
-    assert made.flush_pending() == []
-    assert made.flush() == []
-    assert made.push(points_at([5])) == []
-
-
 def test_flush_begins_anew() -> None:
     """After a flush any time is welcome, and nothing of before is seen."""
     made, census = stream()
@@ -345,17 +337,6 @@ class Forgetful(list[Any]):
         """Keep nothing."""
 
 
-def test_max_points() -> None:
-    """A cloud beyond max_points is refused, and the stream is as it was before."""
-    made, _ = stream(max_points=10)
-    made.push(points_at(range(6)), 'a')
-    with pytest.raises(CloudError, match='points held must be at most max_points = 10, got 11'):
-        made.push(points_at(range(6, 11)), 'b')
-    made.push(points_at(range(6, 10)), 'c')
-    assert made.held == 10
-    assert [tag for tag, _ in made.flush()] == ['a', 'c']
-
-
 def test_max_points_of_missing_returns() -> None:
     """Clouds that wait behind another are held too, though they have nothing to judge."""
     made, _ = stream(max_points=10)
@@ -398,17 +379,6 @@ def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
     assert tag == 'second'
     assert np.isnan(verdict.score).tolist() == [True, False]
     assert not verdict.rejected.any()
-
-
-def test_wild_times_are_refused() -> None:
-    """A cloud whose times spread over years would take a block for each of its points."""
-    stream = TaggedStream(FilterParameters())
-    t = np.array([0, 2000 * 1_000_000_000])
-    wild = Points(np.ones((2, 3)), t, np.zeros(2, np.int64), np.ones(2, np.bool_))
-    match = 'the time that a cloud spans must be at most 1000 s, got 2000 s'
-    with pytest.raises(CloudError, match=match):
-        stream.push(wild)
-    assert stream.held == 0
 
 
 # A block for each message -----------------------------------------------------------------------
@@ -499,15 +469,6 @@ def test_blocks_by_message_are_bounded() -> None:
         made.push(points_at(range(10**9, 10**9 + 13)))
 
 
-def test_blocks_by_message_and_a_clock_set_back() -> None:
-    """After a reset nothing of before is seen."""
-    made, census = by_message(time_jump=0.5)
-    made.push(points_at([10 * SECOND]))
-    made.push(points_at([SECOND]))
-    assert made.resets == 1
-    assert census.blocks == [[10 * SECOND], [SECOND]]
-
-
 # A block as the first messages say ----------------------------------------------------------------
 
 SWEEP = BLOCK // 4
@@ -585,17 +546,6 @@ def test_a_first_sweep_that_is_cut_short(short: int) -> None:
         [t for t in before if t >= begin - HALO] + sweep
     ]
     assert len(said) == 1
-
-
-def test_the_fourth_message_decides_nothing() -> None:
-    """Three short messages have decided."""
-    made, _, said = automatic()
-    for number in range(3):
-        assert made.push(points_at(sweep_at(number * SWEEP, SWEEP - 1))) == []
-    assert len(said) == 1
-    made.push(points_at(sweep_at(3 * SWEEP, BLOCK // 2)), 'long')
-    assert made.oldest == 'long'
-    assert not made.stream.by_message
 
 
 def test_a_refused_message_decides_nothing() -> None:

@@ -19,12 +19,10 @@ from helpers.replays import content, write_drive
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.slow import SlowDetector, watched
 from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import COUNT
 from lidar_outlier_filter.core.points.points import SECOND, Points
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
 
 if TYPE_CHECKING:
@@ -137,13 +135,6 @@ def test_in_a_process_that_was_forked_off() -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
-def test_a_chain_without_anybody_to_tell(held: threading.Event) -> None:
-    """As in the tuner: it judges, and nothing is said."""
-    held.set()
-    points = Points(np.ones((30, 3)), np.arange(30), np.zeros(30, np.int64), np.ones(30, bool))
-    assert len(Chain(FilterParameters().changed(VALUES)).judge(points)) == 30
-
-
 def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]) -> None:
     """Diagnostics warn, with the name, while the cloud has no answer yet; the log says it once."""
     longest = {'health.delay_warn': 1000.0}
@@ -176,21 +167,15 @@ def test_replay(tmp_path: Path, held: threading.Event, monkeypatch: pytest.Monke
     assert content(tmp_path / 'slow') == content(tmp_path / 'quick')
 
 
-@pytest.mark.parametrize('tile', [(), ('--tile', '5')])
-def test_clean(
-    tmp_path: Path,
-    held: threading.Event,
-    monkeypatch: pytest.MonkeyPatch,
-    tile: tuple[str, ...],
-) -> None:
-    """On standard error, once, with the file, in one piece and in tiles."""
+def test_clean(tmp_path: Path, held: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On standard error, once, with the file."""
     path = tmp_path / 'cloud.csv'
     rows = np.random.default_rng(1).normal(size=(60, 3))
     path.write_text('x,y,z\n' + ''.join(f'{x},{y},{z}\n' for x, y, z in rows.tolist()))
     listening = Listening(held)
     monkeypatch.setattr(sys, 'stderr', listening)
     options = [f'--set={name}={value}' for name, value in VALUES.items() if name != 'chain']
-    assert main(['clean', str(path), '--chain', 'sor', *tile, *options]) == 0
+    assert main(['clean', str(path), '--chain', 'sor', *options]) == 0
     assert listening.getvalue().count(f'{path}: {SENTENCE}60 points\n') == 1
     assert 'max_delay' not in listening.getvalue()
 

@@ -342,13 +342,6 @@ def test_tree_is_sound(cloud: Callable[[Rng, int], Floats]) -> None:
     assert_sound(Neighbourhood(cloud(np.random.default_rng(15), 2000), 1))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('cloud', [rows, heap, same, outlier])
-def test_large_tree_is_sound(cloud: Callable[[Rng, int], Floats]) -> None:
-    """Also where it is joined from the work of several threads."""
-    assert_sound(Neighbourhood(cloud(np.random.default_rng(16), LARGE), 1))
-
-
 @pytest.mark.parametrize('cloud', [scattered, halving, uneven, outlier, line])
 def test_tree_is_not_deep(cloud: Callable[[Rng, int], Floats]) -> None:
     """After some lopsided cuts the median is taken; so the time is near to linear."""
@@ -367,7 +360,6 @@ def test_clouds_without_neighbours(count: int) -> None:
     tree = neighbourhood.tree
     assert (tree.first.tolist(), tree.last.tolist(), tree.child.tolist()) == ([0], [count], [-1])
     which = np.arange(count)
-    assert_array_equal(neighbourhood.nearest_elsewhere(which), np.full(count, np.inf))
     offsets, index = neighbourhood.within(which, np.full(count, np.inf))
     assert_array_equal(offsets, np.zeros(count + 1))
     assert len(index) == 0
@@ -390,7 +382,7 @@ def test_some_lists_are_those_of_all(cloud: Callable[[Rng, int], Floats], k: int
             assert_array_equal(Neighbourhood(xyz, 1).nearest_of(these, k), expected)
 
 
-# Within, elsewhere --------------------------------------------------------------------------------
+# Within -------------------------------------------------------------------------------------------
 
 
 @every_cloud
@@ -412,17 +404,6 @@ def test_within_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats]) -> No
         assert index[offsets[i] : offsets[i + 1]].tolist() == naive.within(points, p, limit)
 
 
-@every_cloud
-def test_nearest_elsewhere_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats]) -> None:
-    """Whatever coincides does not count."""
-    rng = np.random.default_rng(19)
-    neighbourhood = Neighbourhood(cloud(rng, SMALL), 1)
-    which = rng.permutation(SMALL)[:200]
-    points = neighbourhood.xyz.tolist()
-    expected = [naive.nearest_elsewhere(points, p) for p in which]
-    assert neighbourhood.nearest_elsewhere(which).tolist() == expected
-
-
 def test_walks_do_not_depend_on_threads() -> None:
     """More points than a thread takes at once."""
     xyz = lattice(np.random.default_rng(20), LARGE // 2)
@@ -430,7 +411,6 @@ def test_walks_do_not_depend_on_threads() -> None:
     which, limits = np.arange(len(xyz)), np.full(len(xyz), 2.0)
     for a, b in zip(one.within(which, limits), many.within(which, limits), strict=True):
         assert_array_equal(a, b)
-    assert_array_equal(one.nearest_elsewhere(which), many.nearest_elsewhere(which))
 
 
 # Without ------------------------------------------------------------------------------------------
@@ -513,17 +493,6 @@ def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0 < len(held) < 40
 
 
-def test_without_leaves_the_old_one_alone() -> None:
-    """The answers of the larger neighbourhood stay what they were."""
-    xyz = lattice(np.random.default_rng(24), 800)
-    neighbourhood = Neighbourhood(xyz, 6)
-    before = [array.copy() for array in (*neighbourhood.nearest(6), *neighbourhood.tree)]
-    neighbourhood.without(np.arange(800) % 50 == 0).nearest(6)
-    after = (*neighbourhood.nearest(6), *neighbourhood.tree)
-    for a, b in zip(before, after, strict=True):
-        assert_array_equal(a, b)
-
-
 # Refused ------------------------------------------------------------------------------------------
 
 
@@ -571,8 +540,6 @@ def test_other_mistakes_are_refused() -> None:
             neighbourhood.without(mask)  # type: ignore[arg-type]
     for which in (np.array([3]), np.array([-1]), np.array([[0]])):
         with pytest.raises(FilterError, match='indices in tree order must be'):
-            neighbourhood.nearest_elsewhere(which)
-        with pytest.raises(FilterError, match='indices in tree order must be'):
             neighbourhood.within(which, np.ones(1))
     for limits in (np.ones(2), np.array([np.nan])):
         with pytest.raises(FilterError, match='squared distances must be'):
@@ -589,9 +556,7 @@ def test_nothing_takes_quadratic_time(cloud: Callable[[Rng, int], Floats]) -> No
     count = 200_000
     neighbourhood = Neighbourhood(cloud(np.random.default_rng(25), count), 20)
     index = neighbourhood.nearest(20).index
-    elsewhere = neighbourhood.nearest_elsewhere(np.arange(count))
     assert index.shape == (count, 20)
-    assert np.isinf(elsewhere).all() == (cloud is same)
 
 
 @pytest.mark.timeout(60)
@@ -608,7 +573,6 @@ def _time_of(xyz: Floats) -> float:
     begin = process_time()
     neighbourhood = Neighbourhood(xyz, 20, 1)
     neighbourhood.nearest(20)
-    neighbourhood.nearest_elsewhere(np.arange(len(xyz)))
     return process_time() - begin
 
 
