@@ -49,10 +49,11 @@ def _compile(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.pipeline.compiling import Processes, load, shares
 
     # What is on disk already, in whatever order it was written, is not done again.
-    missing = [one for one in _wanted(options.chain) if not load(one)]
+    wanted = _wanted(options.chain)
+    missing = [one for one in wanted if not load(one, explain=True)]
     work = list(dict.fromkeys(share for one in missing for share in shares(one)))
     errors: list[str] = []
-    processes = Processes()
+    processes = Processes(explain=True)
     if work:
         with progress_bar('compiling') as bar:
 
@@ -70,7 +71,8 @@ def _compile(options: argparse.Namespace) -> int:
     for sentence in [*errors, *kernel_cache.complaints]:
         say(sentence)
     if not errors:
-        say('all kernels are compiled')
+        names = dict.fromkeys(name for one in wanted for name in one.chain)
+        say(f'the kernels of {", ".join(names)} are compiled')
     return INCOMPLETE if errors else DONE
 
 

@@ -54,24 +54,29 @@ def is_ready(parameters: FilterParameters) -> bool:
     return _kind(parameters) in _ready
 
 
-def make_ready(parameters: FilterParameters, sensors: Sequence[str] = SENSORS) -> None:
-    """Run the kernels of a chain once; what is not on disk is compiled, and written there."""
+def make_ready(
+    parameters: FilterParameters, sensors: Sequence[str] = SENSORS, *, explain: bool = False
+) -> None:
+    """Run the kernels of a chain once; what is not on disk is compiled, and written there.
+
+    ``explain`` includes the kernels by which reports explain scores.
+    """
     Decoder(parameters).compile()
     compile_watch()
     Track.compile()
     recovered_rings.compile_kernels()
-    Chain(parameters).compile(sensors)
+    Chain(parameters).compile(sensors, explain=explain)
     if tuple(sensors) == SENSORS:
         _ready.add(_kind(parameters))
 
 
-def load(parameters: FilterParameters) -> bool:
+def load(parameters: FilterParameters, *, explain: bool = False) -> bool:
     """Run the kernels of a chain once; return False where one would have to be compiled."""
-    if is_ready(parameters):
+    if is_ready(parameters) and not explain:
         return True
     try:
         with only_compiled():
-            make_ready(parameters)
+            make_ready(parameters, explain=explain)
     except NotCompiled:
         return False
     return True
@@ -96,9 +101,9 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
 class Processes:
     """Compiles shares in processes of their own, as many at once as there are cores."""
 
-    def __init__(self, *, patient: bool = False) -> None:
+    def __init__(self, *, patient: bool = False, explain: bool = False) -> None:
         """Begin with none; patient ones leave the processor to others."""
-        self._patient = patient
+        self._patient, self._explain = patient, explain
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[str]] = set()
         self._stopped = False
@@ -144,7 +149,8 @@ class Processes:
                 start_new_session=True,  # the signals that end this one are not for them
             )
             self._running.add(process)
-        _, said = process.communicate(json.dumps([share.detector, share.values, share.sensors]))
+        work = [share.detector, share.values, share.sensors, self._explain]
+        _, said = process.communicate(json.dumps(work))
         with self._lock:
             self._running.discard(process)
             if process.returncode == 0 or self._stopped:
@@ -165,8 +171,9 @@ def _kind(parameters: FilterParameters) -> tuple[object, ...]:
 
 def _main() -> None:
     os.nice(int(sys.argv[1]))
-    detector, values, sensors = json.load(sys.stdin)
-    make_ready(FilterParameters().changed({**dict(values), 'chain': (detector,)}), sensors)
+    detector, values, sensors, explain = json.load(sys.stdin)
+    parameters = FilterParameters().changed({**dict(values), 'chain': (detector,)})
+    make_ready(parameters, sensors, explain=explain)
 
 
 if __name__ == '__main__':

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.kernels import kernel_cache
@@ -109,7 +110,17 @@ class Compiler:
             return
         self.compiling = self._sentence(wanted)
         self._inform(self.compiling)
-        for sentence in self._processes.run(shares(wanted)):
+        begin = monotonic()
+
+        def show(done: int, total: int, _part: str) -> None:
+            took = monotonic() - begin
+            if done < total and self._wanted is wanted:
+                left = took * (total - done) / done
+                parts = f'{done} of {total} parts took {took:.0f} s, about {left:.0f} s left'
+                self.compiling = f'{self._sentence(wanted)}; {parts}'
+                self._inform(self.compiling)
+
+        for sentence in self._processes.run(shares(wanted), show):
             self._warn(sentence)
         for sentence in kernel_cache.complaints:
             self._warn(sentence)

@@ -86,6 +86,25 @@ assert detect_outliers(xyz).outlier[77]
 print(sorted({name for name, _ in called() - before}))
 """
 
+LATER_REPORT = """
+import numpy as np
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.registry import explanations
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.compiling import make_ready
+
+parameters = FilterParameters().changed({'boosted_trees.sensor': 'survey'})
+make_ready(parameters, explain=True)
+before = called()
+xyz = np.random.default_rng(1).uniform((0, 0, 0), (20, 20, 0.02), (5000, 3))
+zeros = np.zeros(5000, np.int64)
+seen = DetectorInput(Points(xyz, zeros, zeros, zeros == 0), parameters, whole=True)
+found = explanations()['boosted_trees'].explain(seen, parameters, np.arange(5000) < 40)
+assert found.added.shape[1] == 40
+print(sorted({name for name, _ in called() - before}))
+"""
+
 
 def fresh(tmp_path: Path, *missing: str) -> dict[str, str]:
     """Copy the package without these kernels; return the environment that uses the copy."""
@@ -116,10 +135,10 @@ def test_compile_fills_the_cache(tmp_path: Path) -> None:
     command = ('-m', 'lidar_outlier_filter.cli.main', 'compile', '--chain', 'sor')
     done = run(env, *command)
     assert done.returncode == 0
-    assert done.stderr == 'compiled 1 of 1: sor\nall kernels are compiled\n'
+    assert done.stderr == 'compiled 1 of 1: sor\nthe kernels of sor are compiled\n'
     assert list((tmp_path / PACKAGE.name).rglob('sor/**/detector._average-*.nbi'))
     assert run(env, '-c', LOADING, 'sor', 'sor,hierarchical').stdout == 'True\nFalse\n'
-    assert run(env, *command).stderr == 'all kernels are compiled\n'
+    assert run(env, *command).stderr == 'the kernels of sor are compiled\n'
 
 
 @pytest.mark.slow
@@ -152,6 +171,13 @@ def test_surveys_are_compiled_once() -> None:
 def test_a_ready_survey_calls_no_other_kernels() -> None:
     """A file without lines is judged by what is ready."""
     done = run({**os.environ}, '-c', CALLED + LATER_SURVEY)
+    assert done.stdout == '[]\n', done.stderr
+
+
+@pytest.mark.slow
+def test_a_report_calls_no_other_kernels() -> None:
+    """What ``compile`` has run explains scores, too: with lines and without."""
+    done = run({**os.environ}, '-c', CALLED + LATER_REPORT)
     assert done.stdout == '[]\n', done.stderr
 
 

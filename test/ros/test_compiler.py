@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import queue
 import threading
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers.live import PATIENCE
@@ -13,6 +14,9 @@ from helpers.live import PATIENCE
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.ros import compiler
 from lidar_outlier_filter.ros.compiler import Compiler
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 FIRST, SECOND, THIRD = (
     FilterParameters().changed({'chain': (name,)}) for name in ('lof', 'sor', 'quadric')
@@ -109,3 +113,29 @@ def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
     loading.go_on.release()
     assert beside.taken.get(timeout=PATIENCE) == FIRST
     assert beside.warned == ['a detector raised an error while it was compiled: no such thing']
+
+
+def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the time that the finished parts took on this machine."""
+    clock = iter([100.0, 114.0])
+    said: list[str] = []
+
+    class Parts:
+        def __init__(self, *, patient: bool = False) -> None:
+            self.patient = patient
+
+        def run(self, _work: object, progress: Callable[[int, int, str], object]) -> list[str]:
+            progress(1, 3, 'lof')
+            return []
+
+    monkeypatch.setattr(compiler, 'Processes', Parts)
+    monkeypatch.setattr(compiler, 'is_ready', lambda _parameters: False)
+    monkeypatch.setattr(compiler, 'load', lambda _parameters: False)
+    monkeypatch.setattr(compiler, 'make_ready', lambda _parameters: None)
+    monkeypatch.setattr(compiler, 'monotonic', lambda: next(clock))
+    taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
+    beside = Compiler(taken.put, said.append, said.append)
+    beside.want(FIRST)
+    assert taken.get(timeout=PATIENCE) == FIRST
+    assert said[0] == 'compiling lof; clouds pass unfiltered until then'
+    assert said[1] == f'{said[0]}; 1 of 3 parts took 14 s, about 28 s left'

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations
 from lidar_outlier_filter.core.engine.slow import watched
 from lidar_outlier_filter.core.engine.tiles import detect_in_tiles
 from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
@@ -89,10 +89,16 @@ class Chain:
 
         return detect_in_tiles(detect, seen.points, self.tile, self.parameters.max_points)
 
-    def compile(self, sensors: Sequence[str] = SENSORS) -> None:
-        """Run every detector on a few points of these sensors, so that its kernels are ready."""
-        for sensor in sensors:
-            for points in sample(sensor):
-                self.judge(points)
+    def compile(self, sensors: Sequence[str] = SENSORS, *, explain: bool = False) -> None:
+        """Run every detector on a few points of these sensors, so that its kernels are ready.
+
+        ``explain`` also runs the explanations of scores, which reports need.
+        """
+        for points in (points for sensor in sensors for points in sample(sensor)):
+            self.judge(points)
+            for name in self.parameters.chain:
+                if explain and name in explanations():
+                    seen = self.see(points, self.parameters, self._neighbours, whole=self.whole)
+                    explanations()[name].explain(seen, self.parameters, points.valid)
         self.passes = 0
         self.ways.clear()
