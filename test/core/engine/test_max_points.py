@@ -127,6 +127,15 @@ def test_room_is_not_made_at_the_cost_of_what_may_be_late() -> None:
     assert census.blocks == [[first] * 4 + [late] * 2]
 
 
+def test_a_refused_cloud_closes_the_blocks_it_completes() -> None:
+    """With their halo: a point within it is late, as if the cloud had been taken."""
+    made, _ = stream(max_points=10)
+    assert not is_taken(made, [3 * BLOCK] * 11)
+    with pytest.raises(CloudError, match='the time of a cloud must be at or after what is judged'):
+        made.push(points_at([2 * BLOCK + HALO - 1]))
+    assert is_taken(made, [2 * BLOCK + HALO])
+
+
 def test_a_refused_cloud_of_the_far_future() -> None:
     """The clouds behind it are those of a clock that was set back, as if it had been taken."""
     made, _ = stream(max_points=10)
