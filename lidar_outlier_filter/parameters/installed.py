@@ -9,31 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.errors import ParameterError
-    from lidar_outlier_filter.parameters.declaration import Section
 
 BITS = tuple(1 << n for n in range(14))  # that a detector may have
 MASK, MASKED = 'mask', 1 << 14  # of points on the own vehicle, which no detector sees
 MASKED_REASON = 255  # in outlier_reason
-
-
-class Declared(Protocol):
-    """What of a declaration matters to the parameters."""
-
-    @property
-    def name(self) -> str:
-        """In ``chain``."""
-
-    @property
-    def bit(self) -> int:
-        """In ``outlier_detectors``."""
-
-    @property
-    def sections(self) -> Mapping[str, type[Section]]:
-        """Its parameters, by the first part of their names."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +25,13 @@ class Installed:
 
     Attributes
     ----------
-    detectors : their declarations by name, in the order of their bits
+    detectors : their declarations (:class:`.Detector`) by name, in the order of their bits
     refused : why a declaration was refused, by the name of its entry point
     default : the default chain
 
     """
 
-    detectors: dict[str, Declared]
+    detectors: dict[str, Any]
     refused: Mapping[str, ParameterError]
     default: tuple[str, ...]
 

@@ -142,7 +142,7 @@ def smoother_work(sides: str) -> Work:
 
 def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
     lines = scan_lines.find_lines(points, parameters.gap_factor)
-    return alpha_beta_gamma.detect(points, lines, parameters.of(AlphaBetaGamma)).rejected
+    return alpha_beta_gamma.detect(points, lines, parameters.of(AlphaBetaGamma)).score > 1
 
 
 def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:

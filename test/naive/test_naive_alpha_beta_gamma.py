@@ -16,8 +16,6 @@ from naive import alpha_beta_gamma as naive
 # Critical values as printed in any table, for a significance of 0.001.
 NORMAL = 3.290526731
 
-FIVE = [-2.0, -1.0, 0.0, 1.0, 2.0]
-ONES = [1.0] * 5
 SECOND = 1_000_000_000
 
 HAND: dict[str, Any] = {
@@ -80,11 +78,6 @@ def test_a_line_begins_where_the_angle_jumps_back() -> None:
     assert angle_lines(0, 20, 40, 110, 180) == [0] * 5  # forwards
 
 
-def test_noise_at_the_wrap_begins_one_line() -> None:
-    """Behind a wrap, the way back over it and the next wrap are noise."""
-    assert angle_lines(140, 160, 175, -175, 178, -178, -170) == [0, 0, 0, 1, 1, 1, 1]
-
-
 # Windows ----------------------------------------------------------------------------------------
 
 
@@ -106,18 +99,6 @@ def test_centred_window_is_shifted_inwards(p: int, m: int, window: list[int]) ->
 
 
 # The smoother -----------------------------------------------------------------------------------
-
-
-def test_weights_of_five_equidistant_points() -> None:
-    """Sums of δ⁰, δ², δ⁴ are 5, 10, 34, so λ = (34, 0, -10) / (5 × 34 - 10²).
-
-    That is a = (17 - 5 δ²) / 35, and likewise b = δ / 10 and, twice (13), c = 2 (δ² - 2) / 14:
-    the well-known weights of Savitzky and Golay.
-    """
-    a, b, c = naive.smoother_weights(FIVE, ONES, 2)
-    assert_allclose(a, np.array([-3, 12, 17, 12, -3]) / 35, atol=1e-15)
-    assert_allclose(b, np.array([-2, -1, 0, 1, 2]) / 10, atol=1e-15)
-    assert_allclose(c, np.array([2, -1, -2, -1, 2]) / 7, atol=1e-15)
 
 
 def weights_of_prediction(
@@ -158,36 +139,7 @@ def test_prediction(name: str, own: float) -> None:
 # The test ---------------------------------------------------------------------------------------
 
 
-def test_robust_sigma() -> None:
-    """Ten residuals 0 to 9 (x), halved where 1 + q = 4; constant (y); below the floor (z).
-
-    Reduced x: 0, 1, 2, 3, 4 and 5/2, 6/2, 7/2, 8/2, 9/2: median (3 + 3) / 2.
-    """
-    residuals = [np.array([-float(i), 7.0, 0.001]) for i in range(10)]
-    qs = [0.0] * 5 + [3.0] * 5
-    for r, q in zip(residuals, qs, strict=True):
-        r[1] *= sqrt(1 + q)
-    sigma = naive.robust_sigma(residuals, qs, 0.005)
-    assert_allclose(sigma, [1.4826 * 3, 1.4826 * 7, 0.005])
-
-
 # Passes -----------------------------------------------------------------------------------------
-
-
-def test_outlier_of_ten_sigma_in_one_pass() -> None:
-    """Seven points, the fourth 10 high, straight line through four others, σ = 1.
-
-    Fourth: predicted 0 with q = 1/4. Third: from -2, -1, 1, 2 s, 10/4 with q = 1/4. Second: from
-    -1, 1, 2, 3 s the weight at 2 is (15 - 5 × 2) / 35 = 1/7, q = 15/35. First: from 1, 2, 3, 4 s
-    the weight at 3 is (30 - 10 × 3) / 20 = 0.
-    """
-    scores, rejected, passes = run([0, 0, 0, 10, 0, 0, 0], passes=1)
-    third = 2.5 / sqrt(5 / 4) / NORMAL
-    second = (10 / 7) / sqrt(10 / 7) / NORMAL
-    fourth = 10 / sqrt(5 / 4) / NORMAL
-    assert_allclose(scores, [0, second, third, fourth, third, second, 0], rtol=1e-9, atol=1e-15)
-    assert rejected == [3]
-    assert passes == 1
 
 
 def test_good_point_between_two_equal_outliers_is_saved() -> None:
@@ -240,14 +192,6 @@ def test_either_falls_back_to_the_window_around_the_point() -> None:
     assert scores[2] == pytest.approx(10 / sqrt(5 / 4) / NORMAL)
     assert_allclose(scores[[0, 4]], 5 / sqrt(5 / 2) / NORMAL)
     assert np.isfinite(scores[[1, 3]]).all()
-
-
-@pytest.mark.parametrize(('count', 'tested'), [(9, False), (10, True)])
-def test_estimated_sigma_needs_ten_residuals(count: int, *, tested: bool) -> None:
-    """A line of nine points gives nine residuals."""
-    scores, rejected, _ = run([0.0] * (count - 4) + [1.0, 0, 0, 0], sigma=0.0)
-    assert np.isfinite(scores).all() == tested
-    assert rejected == ([count - 4] if tested else [])
 
 
 def test_own_sigma_goes_before_the_parameter() -> None:

@@ -14,12 +14,6 @@ from naive import elevation as naive
 ROW = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 6.0), (3.0, 0.0, 0.0), (4.0, 0.0, 0.0)]
 
 
-def test_nothing_to_be_set_apart_from() -> None:
-    """Of two points each would be beyond the other."""
-    assert naive.set_apart([0.0, 100.0], 5.0, 0.4) == [0, 0]
-    assert naive.set_apart([0.0, 100.0, 101.0], 5.0, 0.4) == [100, 0, 0]
-
-
 def test_nearest() -> None:
     """The two nearest on the map, whatever their elevation; ties for the last place count too."""
     assert naive.nearest(ROW, 2, 2) == [1, 3]

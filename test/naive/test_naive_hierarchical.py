@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 import pytest
 
@@ -23,21 +23,6 @@ def test_limit() -> None:
     assert naive.limit([4, 1, 2, 1], 0.99) == pytest.approx(1.5 + Z99 * sqrt(2), rel=1e-12)
     assert naive.limit([4, 1, 2, 1], 0.95) == pytest.approx(1.5 + Z95 * sqrt(2), rel=1e-12)
     assert naive.limit([4, 1, 2, 1], 0.0) == 1.5
-
-
-def test_limit_of_equal_edges() -> None:
-    """The spread is a thousandth of the median at least; without edges there is no limit."""
-    assert naive.limit([2, 2, 2], 0.95) == pytest.approx(2 + Z95 * 0.002, rel=1e-12)
-    assert naive.limit([2], 0.95) == pytest.approx(2 + Z95 * 0.002, rel=1e-12)
-    assert naive.limit([], 0.95) == inf
-
-
-def test_gabriel_graph() -> None:
-    """Of a triangle with an obtuse angle the side across it is missing."""
-    obtuse = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (2.0, 1.0, 0.0)]
-    assert naive.gabriel_graph(obtuse) == [(0, 2), (1, 2)]
-    acute = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (2.0, 3.0, 0.0)]
-    assert naive.gabriel_graph(acute) == [(0, 1), (0, 2), (1, 2)]
 
 
 def test_gabriel_graph_of_right_angles() -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 import pytest
 
@@ -47,10 +47,3 @@ def test_limits_that_grow_with_the_range() -> None:
     assert grown == pytest.approx([plain[0] / 2, plain[1], plain[2] * 2, plain[3] / 4], rel=1e-15)
     assert naive.sor2(FOUR, 2, 0.5, [2, 1, 0.5, 4]) == [0, 1, 0, 2]
     assert naive.radius(FOUR, 2, 2.0, [1, 2, 4, 3]) == [1, 0.5, 0.5, 2]
-
-
-def test_limit_of_nothing() -> None:
-    """Coincident points are within a limit of 0, all others beyond it."""
-    assert naive.sor(on_a_line(3, 3, 3), 2, 2.0) == [0, 0, 0]
-    assert naive.sor(FOUR, 2, 1.0, [0, 0, 0, 0]) == [inf, inf, inf, inf]
-    assert naive.sor2(FOUR, 2, 1.0, [0, 0, 0, 0]) == [0, inf, 0, inf]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import chain
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
 from lidar_outlier_filter.core.detectors.declaration import resolve
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # By name, in the order of their bits.
-DETECTORS = cast('Mapping[str, Detector]', installed().detectors)
+DETECTORS: Mapping[str, Detector] = installed().detectors
 
 
 def bits() -> Mapping[str, int]:

@@ -148,6 +148,19 @@ def test_what_passes_by_is_no_vehicle() -> None:
     assert not learner.learn().is_seen[14].any()
 
 
+def test_a_range_in_too_few_turns_is_no_vehicle() -> None:
+    """A direction with returns in two turns of twelve shows no vehicle, however even they are."""
+    learner = MaskLearner(20.0)
+    for number in range(12):
+        rows = turn(number)
+        seldom = rows['ring'] == 14
+        scale = 3 / np.linalg.norm([rows[a][seldom] for a in 'xyz'], axis=0)
+        for axis in 'xyz':
+            rows[axis][seldom] *= scale
+        learner.add(points_of(rows if number < 2 else rows[~seldom]))
+    assert not learner.learn().is_seen[14].any()
+
+
 def test_looks_from_one_place_do_not_count() -> None:
     """A vehicle that stands learns nothing, though all stays where it is."""
     learner = MaskLearner(10.0)

@@ -99,18 +99,6 @@ def test_naive(seed: int) -> None:
         np.testing.assert_allclose(moved.xyz[i], rotation.apply(on_vehicle) + position, atol=1e-6)
 
 
-def test_invalid_points_do_not_matter() -> None:
-    """Whatever their time and place: they stay invalid."""
-    made = track((0.0, (0.0,) * 3 + LEVEL), (0.1, (1.0, 0.0, 0.0, *LEVEL)))
-    given = points((0.05, 1, 0, 0), (9.0, np.nan, 0, 0), (-9.0, np.inf, 1, 2))
-    given = Points(given.xyz, given.t, given.line, np.array([True, False, False]))
-    moved = move(made, given, NOWHERE)
-    np.testing.assert_allclose(moved.xyz[0], [1.5, 0, 0])
-    assert moved.valid.tolist() == [True, False, False]
-    nothing = given.take(np.array([1, 2]))
-    assert made.move(nothing, NOWHERE)[0] is nothing
-
-
 def test_covered() -> None:
     """From the first pose to the last, both included, except between two that are far apart."""
     made = track(*((seconds, (0.0,) * 3 + LEVEL) for seconds in (0.0, 0.5, 1.0, 2.1, 2.5)))
@@ -233,14 +221,6 @@ def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
     move(made, points((0.0, 1, 0, 0)), NOWHERE)
     made.begin_anew()
     assert len(made) == 0
-
-
-def test_a_gap_of_exactly_the_longest() -> None:
-    """It is covered; one that is longer by a nanosecond is not."""
-    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25)
-    assert covered(made, 0.0, 0.125, 0.25) == [True, True, True]
-    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25 - 1e-9)
-    assert covered(made, 0.0, 1e-9, 0.125, 0.25) == [True, False, False, True]
 
 
 def test_opposite_quaternions_are_one_rotation() -> None:

@@ -71,39 +71,11 @@ def test_against_loops(seed: int) -> None:
             assert lines.interval[number] == (naive.shot_interval(t[begin:end]) or 0)
 
 
-@pytest.mark.parametrize('factor', [1.0, 1.5, 2.5])
-def test_gap_of_exactly_the_factor(factor: float) -> None:
-    """A shot that is exactly gap_factor intervals later goes on; a nanosecond more ends it."""
-    step = int(1000 * factor)
-    exact = find_lines(points_of([0, 1000, 2000, 2000 + step, 3000 + step], [0] * 5), factor)
-    assert segments_of(exact) == [0] * 5
-    later = find_lines(points_of([0, 1000, 2000, 2001 + step, 3001 + step], [0] * 5), factor)
-    assert segments_of(later) == [0, 0, 0, 1, 1]
-
-
-def test_nothing() -> None:
-    """No points make no lines."""
-    none = points_of([], [])
-    assert order_by_line(none).shape == (0,)
-    lines = find_lines(none, 1.5)
-    assert lines.first.tolist() == [0]
-    assert lines.interval.shape == lines.before.shape == lines.after.shape == (0,)
-
-
 @pytest.mark.parametrize('numbers', [(-(2**62), 2**62), (0, 10**9), (-5, -3)])
 def test_odd_line_numbers(numbers: tuple[int, int]) -> None:
     """Lines may be numbered in any way: far apart, negative, beyond 32 bits."""
     points = points_of([3, 2, 1, 0], [numbers[1], numbers[0]] * 2)
     assert order_by_line(points).tolist() == [3, 1, 2, 0]
-
-
-def test_counter_numbers_messages() -> None:
-    """Each message without line numbers is a line of its own."""
-    counter = LineCounter()
-    lines = [counter.next_line(2).tolist() for _ in range(3)]
-    assert [line[0] == line[1] for line in lines] == [True] * 3
-    assert len({line[0] for line in lines}) == 3
-    assert counter.next_line(0).tolist() == []
 
 
 def counted(angle: NDArray[np.float64], cuts: Sequence[int] = ()) -> list[int]:

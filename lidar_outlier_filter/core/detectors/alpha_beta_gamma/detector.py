@@ -14,7 +14,6 @@ and (16) is σ_k² + q.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -53,37 +52,13 @@ FEWEST_RESIDUALS = 10  # fewer of them in a line give no standard deviation
 MAD_TO_SIGMA = 1.4826  # median of |N(0, 1)| is 0.6745
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the smoother says of N points.
-
-    Attributes
-    ----------
-    score : (N,) float64
-        Statistic ÷ critical value; NaN for untested points; more than 1 exactly where rejected.
-    rejected : (N,) bool
-        Rejected points.
-    passes : int
-        Passes that were needed.
-
-    """
-
-    score: NDArray[np.float64]
-    rejected: NDArray[np.bool_]
-    passes: int
-
-
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     """Score every point of a chain's input, line by line."""
-
-    def of_lines(points: Points, lines: Lines) -> Scores:
-        outcome = detect(points, lines, parameters.of(AlphaBetaGamma))
-        return Scores(outcome.score, passes=outcome.passes)
-
-    return seen.along_lines(of_lines)
+    own = parameters.of(AlphaBetaGamma)
+    return seen.along_lines(lambda points, lines: detect(points, lines, own))
 
 
-def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
+def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     """Test every point against the prediction from its window.
 
     Each pass rejects, of all points that fail, those that fail worse than every other within reach
@@ -99,8 +74,9 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
 
     Returns
     -------
-    Outcome
-        In the order of the points.
+    Scores
+        In the order of the points: statistic ÷ critical value, more than 1 exactly where rejected,
+        NaN for untested points; and the passes that were needed.
 
     References
     ----------
@@ -122,8 +98,8 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     >>> xyz[77, 2] = 6.0  # above a floor
     >>> t = np.arange(900) * 50_000  # nanoseconds
     >>> points = Points(xyz, t, x.astype(np.int64), np.ones(900, np.bool_))
-    >>> outcome = smoother.detect(points, find_lines(points, gap_factor=1.5), AlphaBetaGamma())
-    >>> np.flatnonzero(outcome.rejected).tolist(), outcome.passes
+    >>> scores = smoother.detect(points, find_lines(points, gap_factor=1.5), AlphaBetaGamma())
+    >>> np.flatnonzero(scores.score > 1).tolist(), scores.passes
     ([77], 2)
 
     """
@@ -147,8 +123,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
         score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, critical, either)
         failing = _still_failing(failing, spoiled, score, rejected)
         number += 1
-    rejected[failing] = True
-    return Outcome(score, rejected, number)
+    return Scores(score, passes=number)
 
 
 @lru_cache(maxsize=64)
