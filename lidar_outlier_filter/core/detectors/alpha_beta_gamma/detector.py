@@ -121,7 +121,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
         spoiled = _unlink(worst, series.before, series.after, before + after, rejected)
         standard = residuals(series, spoiled, parameters)
         score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, critical, either)
-        failing = _still_failing(failing, spoiled, score, rejected)
+        failing = np.flatnonzero((score > 1) & ~rejected)
         number += 1
     return Scores(score, passes=number)
 
@@ -137,29 +137,12 @@ def _series(points: Points, lines: Lines, pad: int) -> Series:
     series = empty_series(pad, lines.before.copy(), lines.after.copy())
     known = lines.interval > 0
     rate = np.where(known, 1 / np.where(known, lines.interval, 1.0), 0.0)
-    _fill(points.t, points.xyz, lines.first, rate, series.row(slice(None)))
-    if points.sigma is not None:
-        series.row(WEIGHT)[:] = points.sigma**-2.0
+    # Relative to the first point, nanoseconds are whole in a float64 too.
+    series.row(T)[:] = points.t - points.t[:1]
+    series.row(slice(X, X + 3))[:] = points.xyz.T
+    series.row(WEIGHT)[:] = 1.0 if points.sigma is None else points.sigma**-2.0
+    series.row(RATE)[:] = np.repeat(rate, np.diff(lines.first))
     return series
-
-
-@kernel
-def _fill(
-    t: NDArray[np.int64],
-    xyz: NDArray[np.float64],
-    first: NDArray[np.int64],
-    rate: NDArray[np.float64],
-    columns: NDArray[np.float64],
-) -> None:
-    """Write points without a standard deviation of their own, of lines with these shot rates."""
-    for line in range(len(rate)):
-        for i in range(first[line], first[line + 1]):
-            # Relative to the first point, nanoseconds are whole in a float64 too.
-            columns[T, i] = t[i] - t[0]
-            for axis in range(3):
-                columns[X + axis, i] = xyz[i, axis]
-            columns[WEIGHT, i] = 1.0
-            columns[RATE, i] = rate[line]
 
 
 def _engine(parameters: AlphaBetaGamma) -> Residuals:
@@ -318,23 +301,3 @@ def _unlink(
         if after[k] >= 0:
             before[after[k]] = before[k]
     return spoiled[:count]
-
-
-@kernel
-def _still_failing(
-    failing: NDArray[np.int64],
-    spoiled: NDArray[np.int64],
-    score: NDArray[np.float64],
-    rejected: NDArray[np.bool_],
-) -> NDArray[np.int64]:
-    """Return, each once, the points that fail now."""
-    marked = np.zeros(len(score), np.bool_)
-    result = np.empty(len(failing) + len(spoiled), np.int64)
-    count = 0
-    for group in (failing, spoiled):
-        for i in group:
-            if score[i] > 1 and not rejected[i] and not marked[i]:
-                marked[i] = True
-                result[count] = i
-                count += 1
-    return result[:count]
