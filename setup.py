@@ -132,7 +132,6 @@ setup(
         'bench': ['open3d>=0.18', 'scikit-learn>=1.5'],
         'test': [
             'argcomplete>=3.1',
-            'atheris>=2.3',
             'catkin-pkg>=1.0',
             # `--packages-select` and `install/setup.bash` of the README are parts of their own.
             'colcon-bash>=0.5',
@@ -155,6 +154,7 @@ setup(
             'pye57>=0.4.10',
             'pyproj>=3.6',
             'pytest>=7.4',
+            'pytest-cov>=5',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
             'python-neo-lzf>=0.3.5',
