@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages in, answers out, without ROS: sessions, motion, poses that are waited for, counts."""
+"""Messages in, split clouds out, without ROS: the pipeline, motion, pending poses, counts."""
