@@ -126,25 +126,29 @@ class Progress:
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         """Take the tasks of a run."""
-        self._shares = dict.fromkeys(tasks, 0.0)
-        self.number, self.total = 0, len(self._shares)
+        sizes = [task.location.size for task in tasks]
+        self._running: dict[Task, float] = {}  # shares that are done
+        self._bytes_finished, self._bytes_total = 0, sum(sizes)
+        self.number, self.total = 0, len(sizes)
         self.last = ''
 
     def report(self, task: Task, share: float) -> None:
         """Note which share of a task is done."""
-        self._shares[task] = share
+        self._running[task] = share
         self.last = task.source
 
     def finish(self, task: Task) -> None:
         """Note that a task is finished."""
-        self.report(task, 1.0)
+        self._running.pop(task, None)
+        self._bytes_finished += task.location.size
         self.number += 1
+        self.last = task.source
 
     def bytes_done(self) -> tuple[int, int]:
         """Return how many bytes of the inputs are done, and all."""
-        sizes = [task.location.size for task in self._shares]
-        done = sum(share * size for share, size in zip(self._shares.values(), sizes, strict=True))
-        return round(done), sum(sizes)
+        running = self._running.copy().items()
+        done = self._bytes_finished + sum(share * task.location.size for task, share in running)
+        return round(done), self._bytes_total
 
 
 def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, ArchiveRecord]]:
