@@ -126,7 +126,7 @@ class Seconds:
             f'{values["clouds/s"]:>6} clouds/s {float(values["points/s"]) / 1e6:6.2f} M points/s'
             f'  answered {values["messages"]:>5} lost {values["lost"]:>3}'
             f' dropped {values["dropped"]:>4} unfiltered'
-            f' {values.get("unfiltered for overload", 0):>4} shed {values["shed"]:>4}'
+            f' {values.get("unfiltered for overload", 0):>4}'
             f'  backlog {values["backlog, clouds"]:>4} ({values["backlog, MB"]} MB)'
             f'  delay p95 {self.p95[-1]:7.1f} max {self.longest[-1]:7.1f} ms'
             f'  processing p95 {values["processing time, p95, ms"]:>7} ms'
