@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.boosted_trees.explanation import explain
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import HEIGHTS, in_bands
 
@@ -84,16 +83,6 @@ def test_order_does_not_matter() -> None:
     once = detect_outliers(xyz, parameters=FREE)
     twice = detect_outliers(xyz[mixed], parameters=FREE)
     np.testing.assert_array_equal(twice.score, once.score[mixed])
-
-
-def test_reasons() -> None:
-    """Rejected points have a reason, as in any scan pattern."""
-    points = points_of(scattered(3000, seed=4, stray=0.05))
-    found = find_either(points, 'free')
-    assert found is not None
-    rejected = judge(found.pattern, 1.0) > 1
-    reasons = explain(points, sensor='free', wanted=rejected)
-    assert set(np.asarray(reasons.strongest)[rejected]) - {''}
 
 
 def test_few_points() -> None:

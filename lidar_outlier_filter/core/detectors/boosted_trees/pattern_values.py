@@ -14,15 +14,16 @@ from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstP
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     PatternWindow,
     gather,
-    look_from,
     make_window,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import write_features
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.lanes import fill, rows_of_singles
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Singles
+    from lidar_outlier_filter.annotations import Bools, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
 MORE = len(PROFILE)
@@ -84,30 +85,50 @@ def write_values(
         write_scores(prepared.pattern, first, line, window, values[more:])
 
 
-def measure(prepared: Prepared, first: FirstPass | None = None) -> Singles:
-    """Return the features (F, M) of all places in one thread, of the second pass if it is given."""
-    pattern, second = prepared.pattern, first is not None
-    count = len(WINDOW) + (MORE if prepared.profile else 0) + (len(SECOND_PASS) if second else 0)
-    out = np.zeros((count, len(pattern.order)), np.float32)
-    _measure(prepared, prepared.profile, first or no_first_pass(), second, out)
+def measure(
+    prepared: Prepared,
+    first: FirstPass | None = None,
+    asked: Bools | None = None,
+    threads: int = 1,
+) -> Singles:
+    """Return the features (F, W) of the asked places (M,), or of all; of the second pass if given.
+
+    Without a point, a place has features of 0.
+    """
+    pattern, profile, second = prepared.pattern, prepared.profile, first is not None
+    given = first or no_first_pass()
+    every = np.ones(len(pattern.order), np.bool_) if asked is None else asked
+    column = np.cumsum(every) - 1
+    count = len(WINDOW) + (MORE if profile else 0) + (len(SECOND_PASS) if second else 0)
+    out = np.zeros((count, np.count_nonzero(every)), np.float32)
+    pool.run(
+        lambda i, j: _measure(prepared, profile, given, second, every, column, i, j, out),
+        *(len(pattern.first), LINES_AT_ONCE, threads),
+    )
     return out
 
 
 @kernel
 def _measure(
-    prepared: Prepared, profile: bool | None, first: FirstPass, second: bool, out: Singles
+    prepared: Prepared,
+    profile: bool | None,
+    first: FirstPass,
+    second: bool,
+    asked: Bools,
+    column: Ints,
+    begin: int,
+    end: int,
+    out: Singles,
 ) -> None:
+    """Write the features of the asked points of lines begin to end into their columns."""
     pattern, room = prepared.pattern, make_pattern_room()
-    for line in range(len(pattern.first)):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            look_from(k, room.window.places)
-            write_values(prepared, profile, first, second, line, room)
-            _copy_points(room.values, pattern.last[line] - k, out[:, k:])
-
-
-@apart_kernel
-def _copy_points(values: Singles, count: int, out: Singles) -> None:
-    """Copy the features of the first ``count`` lanes, or of all of them."""
-    for f in range(len(out)):
-        for lane in range(min(count, LANES)):
-            out[f, lane] = values[f, lane]
+    places = room.window.places
+    for line in range(begin, end):
+        k = pattern.first[line]
+        while k < pattern.last[line]:
+            count, k = fill(places, asked, k, pattern.last[line])
+            if count > 0:
+                write_values(prepared, profile, first, second, line, room)
+            for lane in range(count):
+                for f in range(len(out)):
+                    out[f, column[places[lane]]] = room.values[f, lane]

@@ -20,23 +20,19 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE
 from lidar_outlier_filter.core.detectors.boosted_trees.window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import lines_at_once
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Singles
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 GROUPS = tuple(name for name in PROFILE if name.startswith('group'))
 REACHES = (4.0, 1.6)  # × what beams are apart: up to which returns are joined
 LARGE = 40  # returns of a segment: more are a surface
 SMALLEST = 6  # returns of a group
-MOMENTS = 16  # sums of a group: its returns; x, y, z; their six products; the same of its lines
 NONE = np.float32(-1.0)
-COUNT = len(GROUPS)
 UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
 TINY = 1e-12  # m²
 
@@ -73,24 +69,19 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
 
     """
     out = np.full((len(GROUPS), len(pattern.order)), NONE)
-    found = pool.run(lambda n, _: _find(pattern, near, REACHES[n]), len(REACHES), 1, threads)
 
-    def write(begin: int, end: int) -> None:
-        # The wide groups last, so that they are what stays.
-        for segments, group, of_groups in reversed(found):
-            _write(pattern, segments, group, of_groups, begin, end, out)
+    def find(n: int, _end: int) -> tuple[Ints, Singles]:
+        segments = find_segments(pattern, REACHES[n])
+        group = join(pattern, near, REACHES[n], segments)
+        places = np.flatnonzero(segments.of >= 0)
+        places = places[group[segments.of[places]] >= 0]
+        of_groups = _describe(*_moments(pattern, places, group[segments.of[places]]))
+        return places, of_groups[:, group[segments.of[places]]]
 
-    lines = len(pattern.first)
-    pool.run(write, lines, lines_at_once(lines, len(pattern.order)), threads)
+    # The wide groups last, so that they are what stays.
+    for places, described in reversed(pool.run(find, len(REACHES), 1, threads)):
+        out[:, places] = described
     return out
-
-
-def _find(pattern: Pattern, near: Index, reach: float) -> tuple[Segments, Index, Singles]:
-    """Return all segments, the free group of each, and what is said of each group."""
-    segments = find_segments(pattern, reach)
-    group = join(pattern, near, reach, segments)
-    sums = _sum_up(pattern, segments, group, int(group.max(initial=-1)) + 1)
-    return segments, group, _describe(sums)
 
 
 @kernel
@@ -117,9 +108,25 @@ def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool
     return bool(x * x + y * y + z * z <= most * most)
 
 
-@kernel
 def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Index:
     """Return the number of the free group that each segment is in, from 0; -1 for none."""
+    root, tied = _tie(pattern, near, reach, segments)
+    while (root[root] != root).any():
+        root = root[root]
+    size = np.bincount(root, segments.size, len(root))
+    held = np.bincount(root, tied | (segments.size > LARGE), len(root)) > 0
+    # The first segment of a group is its root.
+    free = (root == np.arange(len(root))) & ~held & (size >= SMALLEST)
+    number = np.full(len(root), -1, np.int32)
+    number[free] = np.arange(np.count_nonzero(free))
+    return number[root]
+
+
+@kernel
+def _tie(
+    pattern: Pattern, near: Index, reach: float, segments: Segments
+) -> tuple[NDArray[np.int64], Bools]:
+    """Join segments that are close: return another one of each one's group, and what is tied."""
     of, size = segments.of, segments.size
     root, tied = np.arange(len(size)), np.zeros(len(size), np.bool_)
     for line in range(len(pattern.first)):
@@ -140,7 +147,7 @@ def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Ind
                     else:
                         a, b = _root(root, of[k]), _root(root, of[j])
                         root[max(a, b)] = min(a, b)
-    return _number(root, tied, segments)
+    return root, tied
 
 
 @inner_kernel
@@ -151,116 +158,40 @@ def _root(root: NDArray[np.int64], i: int) -> int:
     return int(i)
 
 
-@inner_kernel
-def _number(root: NDArray[np.int64], tied: Bools, segments: Segments) -> Index:
-    """Give a number to each free group that is large enough."""
-    count, size = np.zeros(len(root), np.int64), segments.size
-    for s in range(len(root)):
-        r = _root(root, s)
-        count[r] += size[s]
-        tied[r] |= tied[s] or size[s] > LARGE
-    number = np.full(len(root), -1, np.int32)
-    total = 0
-    for s in range(len(root)):
-        r = _root(root, s)
-        if tied[r] or count[r] < SMALLEST:
-            continue
-        # The first segment of a group is its root.
-        if r == s:
-            number[s] = total
-            total += 1
-        else:
-            number[s] = number[r]
-    return number
+def _moments(pattern: Pattern, places: Ints, group: Index) -> tuple[Ints, Floats, Floats]:
+    """Return the number of returns of G groups, and two second moments of them, (3, 3, G), m².
+
+    These are of all returns; and of the mean of each line's, as often as it saw the group.
+    """
+    groups = int(group.max(initial=-1)) + 1
+    line = np.searchsorted(pattern.last, places, side='right')
+    seen, pair, size = np.unique(line * groups + group, return_inverse=True, return_counts=True)
+    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, places].astype(np.float64)
+    count = np.bincount(group, minlength=groups)
+    of_lines = np.stack([np.bincount(pair, row, len(seen)) for row in xyz])
+    mean = np.stack([np.bincount(group, row, groups) for row in xyz]) / count
+    moments = np.empty((2, 3, 3, groups))
+    for i in range(3):
+        for j in range(3):
+            square, outer = xyz[i] * xyz[j], of_lines[i] * of_lines[j] / size
+            moments[0, i, j] = np.bincount(group, square, groups) / count - mean[i] * mean[j]
+            outer = np.bincount(seen % max(groups, 1), outer, groups)
+            moments[1, i, j] = outer / count - mean[i] * mean[j]
+    return count, moments[0], moments[1]
 
 
-@kernel
-def _sum_up(pattern: Pattern, segments: Segments, group: Index, count: int) -> Floats:
-    """Sum up the coordinates of groups: of all returns, and of the means of lines, (16, G)."""
-    sums, line_sums = np.zeros((MOMENTS, count)), np.zeros((4, count))
-    last = np.full(count, -1)
-    for line in range(len(pattern.first)):
-        for k in range(pattern.first[line], pattern.last[line]):
-            g = group[segments.of[k]]
-            if g < 0:
-                continue
-            if last[g] != line:
-                _close_line(line_sums, g, sums)
-                last[g] = line
-            x, y, z = float(pattern.x[k]), float(pattern.y[k]), float(pattern.z[k])
-            sums[0, g] += 1.0
-            line_sums[0, g] += 1.0
-            for axis, value in enumerate((x, y, z)):
-                sums[1 + axis, g] += value
-                line_sums[1 + axis, g] += value
-            for row, value in enumerate((x * x, y * y, z * z, x * y, x * z, y * z)):
-                sums[4 + row, g] += value
-    for g in range(count):
-        _close_line(line_sums, g, sums)
-    return sums
-
-
-@inner_kernel
-def _close_line(line_sums: Floats, g: int, sums: Floats) -> None:
-    """Add the mean of what a line saw of a group, as often as it saw it, and begin anew."""
-    n, x, y, z = line_sums[0, g], line_sums[1, g], line_sums[2, g], line_sums[3, g]
-    if n > 0.0:
-        for row, value in enumerate((x * x, y * y, z * z, x * y, x * z, y * z)):
-            sums[10 + row, g] += value / n
-    line_sums[:, g] = 0.0
-
-
-@kernel
-def _describe(sums: Floats) -> Singles:
-    """Return what ``GROUPS`` says of each group, (5, G)."""
-    found = np.empty((COUNT, sums.shape[1]), np.float32)
-    moment, vectors = np.empty((3, 3)), np.empty((3, 3))
-    for g in range(sums.shape[1]):
-        count = sums[0, g]
-        for i in range(3):
-            for j in range(3):
-                moment[i, j] = _moment(sums, 4, g, i, j)
-        eigen(moment, vectors, 3)
-        long = 0
-        for i in range(1, 3):
-            if moment[i, i] > moment[long, long]:
-                long = i
-        one, other = (long + 1) % 3, (long + 2) % 3
-        most = max(moment[long, long], TINY)
-        middle = max(moment[one, one], moment[other, other], TINY)
-        advance = 0.0
-        for i in range(3):
-            for j in range(3):
-                advance += vectors[i, long] * _moment(sums, 10, g, i, j) * vectors[j, long]
-        found[0, g], found[1, g] = count, abs(vectors[2, long])
-        found[2, g] = np.sqrt(middle / most)
-        found[3, g] = np.sqrt(max(advance, 0.0) / most)
-        found[4, g] = UNIFORM * np.sqrt(most)
-    return found
-
-
-@inner_kernel
-def _moment(sums: Floats, first: int, g: int, i: int, j: int) -> float:
-    """Return the mean of a product of coordinates, less that of the means; sums from a row on."""
-    count, row = sums[0, g], i if i == j else 2 + i + j
-    return float(sums[first + row, g] / count - sums[1 + i, g] / count * (sums[1 + j, g] / count))
-
-
-@kernel
-def _write(
-    pattern: Pattern,
-    segments: Segments,
-    group: Index,
-    of_groups: Singles,
-    begin: int,
-    end: int,
-    out: Singles,
-) -> None:
-    """Write what is said of the groups of lines begin to end."""
-    of = segments.of  # once, because every time its references are counted
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line]):
-            g = group[of[k]]
-            if g >= 0:
-                for f in range(len(out)):
-                    out[f, k] = of_groups[f, g]
+def _describe(count: Ints, of_all: Floats, of_lines: Floats) -> Singles:
+    """Return the features ``GROUPS`` of each group, (5, G)."""
+    values, vectors = np.linalg.eigh(np.moveaxis(of_all, 2, 0))
+    _, middle, most = np.maximum(values, TINY).T
+    along = vectors[:, :, 2].T
+    # One product after the other: a group's sum depends on no other group.
+    advance = np.zeros(len(count))
+    for i in range(3):
+        for j in range(3):
+            advance += along[i] * of_lines[i, j] * along[j]
+    rows = (
+        *(count, np.abs(along[2]), np.sqrt(middle / most)),
+        *(np.sqrt(np.maximum(advance, 0.0) / most), UNIFORM * np.sqrt(most)),
+    )
+    return np.stack(rows).astype(np.float32)

@@ -15,24 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import (
-    make_pattern_room,
-    write_values,
-)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     QUESTIONS,
     VALUES,
     TreeModel,
     Trees,
 )
-from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import fill
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.kernels.kernels import kernel
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from lidar_outlier_filter.annotations import Bools, Bytes, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstPass
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
@@ -40,7 +32,6 @@ if TYPE_CHECKING:
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
 # second pass, and of profile scanners. 0 is none.
 FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE))
-OWN, MORE = len(WINDOW), len(PROFILE)
 LIKELY = ('range', 'range_ratio_glare', 'uneven', 'share', 'share_range')  # no reasons
 REASON_NAMES = {
     first + k: name
@@ -48,12 +39,7 @@ REASON_NAMES = {
     for k, name in enumerate(names)
     if name not in LIKELY
 }
-
-
-def number_rows(names: Sequence[str]) -> Bytes:
-    """Return the numbers of the features of trees; 0 for those that are no reason."""
-    known = {name: number for number, name in REASON_NAMES.items()}
-    return np.array([known.get(name, 0) for name in names], np.uint8)
+_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 
 
 def strongest_of_trees(
@@ -74,96 +60,56 @@ def strongest_of_trees(
     threads : at most so many at once; 0 for as many as there are cores
 
     """
-    more = PROFILE if prepared.profile else ()
-    rows = number_rows((*WINDOW, *more, *SECOND_PASS))
+    names = (*WINDOW, *(PROFILE if prepared.profile else ()), *SECOND_PASS)
+    numbers = np.array([_NUMBERS.get(name, 0) for name in names], np.uint8)
+    values = measure(prepared, first, wanted, threads)
+    found = np.full(values.shape[1], _NUMBERS['first'], np.uint8)
+    again = first.score[wanted] > np.float32(model.doubtful)
+    found[again] = _strongest(model.again, values[:, again], numbers)
+    before = found == _NUMBERS['first']
+    found[before] = _strongest(model.first, values[:, before], numbers)
     reason = np.zeros(len(wanted), np.uint8)
-    both, low = (model.first, model.again), np.float32(model.doubtful)
-    pool.run(
-        lambda i, j: _explain(
-            prepared, prepared.profile, first, both, low, rows, wanted, i, j, reason
-        ),
-        len(prepared.pattern.first),
-        LINES_AT_ONCE,
-        threads,
-    )
+    reason[wanted] = found
     return reason
 
 
-@kernel
-def _explain(
-    prepared: Prepared,
-    profile: bool | None,
-    first: FirstPass,
-    both: tuple[Trees, Trees],
-    doubtful: np.float32,
-    rows: Bytes,
-    wanted: Bools,
-    begin: int,
-    end: int,
-    reason: Bytes,
-) -> None:
-    pattern, buffers, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
-    means, values = (find_means(both[0]), find_means(both[1])), buffers.values
-    more = 0
-    if profile is not None:
-        more = MORE
-    places = buffers.window.places
-    own = OWN + more  # the row of the point's own result of the first pass
-    for line in range(begin, end):
-        k = pattern.first[line]
-        while k < pattern.last[line]:
-            count, k = fill(places, wanted, k, pattern.last[line])
-            if count > 0:
-                write_values(prepared, profile, first, True, line, buffers)  # noqa: FBT003
-            for lane in range(count):
-                strongest = own
-                if first.score[places[lane]] > doubtful:
-                    strongest = _find_strongest(both[1], means[1], rows, values[:, lane], added)
-                if strongest == own:
-                    strongest = _find_strongest(both[0], means[0], rows, values[:, lane], added)
-                reason[places[lane]] = rows[strongest] if strongest >= 0 else 0
-
-
-@inner_kernel
-def _find_strongest(
-    trees: Trees, means: Singles, rows: Bytes, features: Singles, added: Singles
-) -> int:
-    """Return the row of the feature that adds most, of those that can be a reason; -1: none can.
+def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
+    """Return the number of the feature that adds most to each of W points; 0: none can be a reason.
 
     What adds nothing cannot: trees did not ask about it, or it made no difference.
     """
-    added[:] = 0
-    add_up_reasons(trees, means, features, added)
-    strongest = -1
-    for row in range(len(rows)):
-        can = rows[row] != 0 and added[row] != 0
-        if can and (strongest < 0 or added[row] > added[strongest]):
-            strongest = row
-    return strongest
+    added = contribute(trees, values)
+    added[(numbers == 0)[:, None] | (added == 0)] = -np.inf
+    found = np.where(added.max(axis=0) > -np.inf, numbers[added.argmax(axis=0)], 0)
+    return found.astype(np.uint8)
 
 
-@inner_kernel
+def contribute(trees: Trees, values: Singles) -> Singles:
+    """Return what each feature adds to the log-odds of W points with these values, both (F, W)."""
+    added = np.zeros_like(values)
+    _add_up(trees, find_means(trees), values, added)
+    return added
+
+
 def find_means(trees: Trees) -> Singles:
     """Return the mean (T, 15) of the values that are possible at each node of full trees.
 
     The questions come first, as in ``Trees``, and the values behind them.
     """
     means = np.empty((len(trees.value), QUESTIONS + VALUES), np.float32)
-    for tree in range(len(means)):
-        means[tree, QUESTIONS:] = trees.value[tree]
-        for node in range(QUESTIONS - 1, -1, -1):
-            low, high = means[tree, 2 * node + 1], means[tree, 2 * node + 2]
-            means[tree, node] = np.float32(0.5) * (low + high)
+    means[:, QUESTIONS:] = trees.value
+    for node in range(QUESTIONS - 1, -1, -1):
+        means[:, node] = np.float32(0.5) * (means[:, 2 * node + 1] + means[:, 2 * node + 2])
     return means
 
 
-@inner_kernel
-def add_up_reasons(trees: Trees, means: Singles, features: Singles, added: Singles) -> None:
-    """Add what each feature (F,) of a point adds to its log-odds."""
-    for tree in range(len(trees.feature)):
-        f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
-        node = 0
-        while node < QUESTIONS:
-            number = 2 * node + (2 if features[f[node]] > t[node] else 1)
-            added[f[node]] += mean[number] - mean[node]
-            node = number
+@kernel
+def _add_up(trees: Trees, means: Singles, values: Singles, added: Singles) -> None:
+    for k in range(values.shape[1]):
+        for tree in range(len(trees.feature)):
+            f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
+            node = 0
+            while node < QUESTIONS:
+                number = 2 * node + (2 if values[f[node], k] > t[node] else 1)
+                added[f[node], k] += mean[number] - mean[node]
+                node = number

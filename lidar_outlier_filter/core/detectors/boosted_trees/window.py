@@ -187,13 +187,6 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
                 near[m, k] = j + 1 if phase[j + 1] - mine < mine - phase[j] else j
 
 
-@apart_kernel
-def look_from(k: int, places: Ints) -> None:
-    """Look at the points from place k on. Lanes behind the end of their line mean nothing."""
-    for lane in range(len(places)):
-        places[lane] = k + lane
-
-
 @inlined_kernel
 def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
     """Write the windows of the points of a line that are at the window's places.

@@ -13,23 +13,20 @@ from helpers.sweeps import pattern_of, sweep
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.explanation import (
-    Reasons,
-    contribute,
-    contributions,
-    explain,
-)
+from lidar_outlier_filter.core.detectors.boosted_trees.explanation import contributions
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     find_either,
     first_pass,
     prepare_all,
+    second_pass,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.reasons import (
     LIKELY,
     REASON_NAMES,
+    contribute,
     strongest_of_trees,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
@@ -46,7 +43,6 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -65,24 +61,26 @@ def judged(points: Points, **changed: object) -> Verdict:
     return Chain(FilterParameters().changed(parameters)).judge(points)
 
 
-def strongest(points: Points, sensor: str) -> NDArray[np.str_]:
-    """Name the strongest feature of each point by the contributions in both passes."""
+def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np.str_]]:
+    """Return the log-odds of each point, and its strongest feature by contributions in both passes.
+
+    Of the points in the order given.
+    """
     pattern = find_either(points, sensor)
     assert pattern is not None
     some, name = prepare_all(pattern), PROFILE_MODEL if pattern.profile else PATTERN_MODEL
     model, names = load(name), np.array(NAMES[name][1])
-    first, there = first_pass(some, model.first), some.pattern.order >= 0
+    first = first_pass(some, model.first)
     values = measure(some, first)
-    once, twice = np.zeros_like(values), np.zeros_like(values)
-    contribute(model.first, values, there, once)
-    contribute(model.again, values, there, twice)
+    once, twice = contribute(model.first, values), contribute(model.again, values)
     likely = np.isin(names, LIKELY)
     once[likely], twice[likely] = -np.inf, -np.inf
     found, again = names[once.argmax(axis=0)], names[twice.argmax(axis=0)]
     known = (first.score > np.float32(model.doubtful)) & (again != 'first')
-    result = np.empty(len(points), names.dtype)
-    spread(some.pattern, np.where(known, again, found), result)
-    return result
+    odds, strongest = np.empty(len(points), np.float32), np.empty(len(points), names.dtype)
+    spread(some.pattern, second_pass(some, first, model.again, model.doubtful), odds)
+    spread(some.pattern, np.where(known, again, found), strongest)
+    return odds, strongest
 
 
 def names_of(found: Verdict) -> list[str]:
@@ -102,44 +100,33 @@ def test_contributions_are_those_of_loops() -> None:
     )
     values = rng.integers(-3, 4, (4, 60)).astype(np.float32)
     values[2, :5] = np.nan
-    wanted = rng.random(60) < 0.8
-    added = np.zeros_like(values)
-    contribute(trees, values, wanted, added)
     expected = np.zeros_like(values, np.float64)
-    for k in np.flatnonzero(wanted):
+    for k in range(60):
         for f, t, v in zip(trees.feature, trees.limit, trees.value, strict=True):
             point = values[:, k].tolist()
             for number, change in naive.additions(
                 f.tolist(), t.tolist(), v.tolist(), point
             ).items():
                 expected[number, k] += change
-    assert added == pytest.approx(expected, abs=1e-4)
-    assert not added[:, ~wanted].any()
+    assert contribute(trees, values) == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize('sensor', CLOUDS)
 def test_contributions_add_up(sensor: str) -> None:
-    """With the average they are the log-odds, of points of either pass; the verdict is the same."""
-    points = CLOUDS[sensor]
-    points = points.take(np.random.default_rng(4).permutation(len(points)))
-    reasons = explain(points, sensor=sensor)
-    assert reasons.added.shape == (len(reasons.names), len(points))
-    whole = reasons.average + reasons.added.sum(axis=0)
-    assert whole == pytest.approx(reasons.odds, abs=2e-3)
-    assert len({*reasons.average.tolist()}) == 2  # the trees of both passes
-    rejected = judged(points, boosted_trees__sensor=sensor).rejected
-    assert np.array_equal(rejected, reasons.odds > np.float32(reasons.threshold))
-    assert 0 < np.count_nonzero(rejected) < len(points)
-
-
-def test_reasons_of_some() -> None:
-    """Those that are wanted have the reasons that they have among all; others have none."""
-    points = sweep(3, 0.1, columns=200)
-    wanted = np.random.default_rng(6).random(len(points)) < 0.1
-    every, some = explain(points), explain(points, wanted=wanted)
-    assert np.array_equal(some.added[:, wanted], every.added[:, wanted])
-    assert not some.added[:, ~wanted].any()
-    assert np.array_equal(some.odds, every.odds)
+    """With the average they are the log-odds, of points of either pass; so are those of some."""
+    points = CLOUDS[sensor].take(slice(0, None, 2))
+    points = points.take(np.random.default_rng(4).integers(0, len(points), len(points)))  # copies
+    parameters, every = FilterParameters(), np.ones(len(points), np.bool_)
+    seen, wanted = DetectorInput(points, parameters, 20), np.arange(len(points)) % 7 == 0
+    found = contributions(seen, parameters, every)
+    assert found.way == Method.PATTERN.value
+    assert found.added.shape == (len(found.names), len(points))
+    odds, _ = passes(points, sensor)
+    assert found.average + found.added.sum(axis=0) == pytest.approx(odds, abs=2e-3)
+    assert len({*found.average.tolist()}) == 2  # the trees of both passes
+    some = contributions(seen, parameters, wanted)
+    assert np.array_equal(some.added, found.added[:, wanted])
+    assert np.array_equal(some.average, found.average[wanted])
 
 
 @pytest.mark.parametrize('threads', [1, 3])
@@ -149,7 +136,7 @@ def test_published_reason(sensor: str, threads: int) -> None:
     points = CLOUDS[sensor]
     points = points.take(np.random.default_rng(threads).permutation(len(points)))
     found = judged(points, threads=threads)
-    expected = np.where(found.rejected, strongest(points, sensor), '')
+    expected = np.where(found.rejected, passes(points, sensor)[1], '')
     assert names_of(found) == expected.tolist()
     assert found.rejected.sum() > 30
     assert 'first' not in names_of(found)
@@ -205,20 +192,6 @@ def test_numbers_never_change() -> None:
     )
     known = dict(one.split(':') for one in names.split())
     assert {int(number): name for number, name in known.items()} == REASON_NAMES
-
-
-def test_strongest_is_one_that_was_asked() -> None:
-    """Not one that adds nothing, where all others take away; nothing of points not explained."""
-    nothing = np.zeros(3, np.float32)
-    added = np.array([[0, 0, 0], [-1, 2, 0], [-2, 1, 0]], np.float32)
-    reasons = Reasons(nothing, nothing, added, ('step', 'leap', 'along'), 0.0)
-    assert reasons.strongest == ['leap', 'leap', '']
-
-
-def test_points_without_a_pattern() -> None:
-    """They have no reasons."""
-    with pytest.raises(FilterError, match='scan pattern'):
-        explain(sweep(4, 0.0).take(slice(0, 9)))
 
 
 def test_survey_adds_up_to_the_log_odds() -> None:
