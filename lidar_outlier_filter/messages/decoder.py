@@ -233,7 +233,8 @@ class Decoder:
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
             if source != 'field':
-                missing.append(f'no line field: each {source} is a scan line (line_source)')
+                cut = ', so verdicts depend on the cut into messages' * (source == 'message')
+                missing.append(f'no line field: each {source} is a scan line (line_source){cut}')
         about = '; '.join(missing)
         found = Convention(time_field, unit, absolute, source, line_field, about, is_final)
         if self._mask is not None and not found.has_rings:

@@ -30,10 +30,12 @@ KNOWN = 0.5  # share of the lines whose own returns must show the scanner's posi
 FITS = 3
 NEAREST = 0.5  # m: what is nearer does not weigh more
 UNEVEN = 0.5  # steps of the mirror that a typical return may be off its angle
+FLAT = 0.02  # rad that a typical return may be off the plane of its line
 UNSURE = 0.2  # m: standard deviation of the scanner's position
 FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
 AWAY = 0.01  # m: least range
 TINY = np.finfo(np.float64).tiny
+WITHIN = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES  # of a line
 LINES_AT_ONCE = 256  # that a thread fits
 
 
@@ -90,6 +92,13 @@ def find_scanner(
     )
     fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE) & (sizes >= FEWEST)
+    # Unevenly taken, because of rings in turn even steps would take always the same one.
+    some = begins[:, None] + (WITHIN * sizes[:, None]).astype(np.int64)
+    away = pool.run(
+        lambda i, j: off_plane(xyz[order[some[i:j]]] - fit.position[i:j, None], turned[some[i:j]]),
+        *(len(sizes), LINES_AT_ONCE, threads),
+    )
+    good &= np.concatenate(away) <= FLAT
     if np.count_nonzero(good) < KNOWN * len(sizes):
         return None
     known = good[rank]
@@ -159,3 +168,22 @@ def _fit_plane(x: Floats, y: Floats, sine: Floats, cosine: Floats) -> Fit:
     # Points that all lie where the scanner is fit any angle.
     off[~(np.median(far, axis=1) > AWAY)] = np.inf
     return Fit(np.stack([east, north]), off, np.sqrt(error / (x.shape[1] * second)))
+
+
+def off_plane(xyz: Floats, turned: Floats) -> Floats:
+    """Return how far S returns of each line (L, S, 3), from the scanner, are off a plane, rad.
+
+    The median of the distances from the best plane ÷ range. The plane may move steadily along its
+    normal as the mirror turns (L, S): a scanner that drives draws a screw.
+    """
+    far = np.sqrt((xyz**2).sum(axis=2))
+    weight = 1.0 / np.maximum(far, NEAREST)
+    since = turned - turned.mean(axis=1, keepdims=True)
+    rows = np.stack([*np.moveaxis(xyz, 2, 0), np.ones_like(far), since]) * weight
+    gram = _gram(rows)
+    moved = np.linalg.pinv(gram[:, 3:, 3:]) @ gram[:, 3:, :3]  # what shift and drive explain
+    left = gram[:, :3, :3] - gram[:, :3, 3:] @ moved
+    normal = np.linalg.eigh(left)[1][:, :, 0]
+    plane = np.concatenate([normal, -(moved @ normal[..., None])[..., 0]], axis=1)
+    off: Floats = np.median(np.abs((plane.T[..., None] * rows).sum(axis=0)), axis=1)
+    return off

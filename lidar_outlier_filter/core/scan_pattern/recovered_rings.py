@@ -168,7 +168,7 @@ def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
 
     """
     elevation = elevations(flat, z, origin)
-    elevation = elevation[_is_far(elevation, np.sqrt(flat * flat + z * z))]
+    elevation = elevation[is_far(elevation, np.sqrt(flat * flat + z * z))]
     column = np.floor((elevation + TURN / 2) / FINEST).astype(np.int64) + WIDTHS[-1]
     count = np.bincount(column, minlength=round(TURN / FINEST) + 2 * WIDTHS[-1])
     best: Floats = np.empty(0)
@@ -184,7 +184,7 @@ def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
     return best if most >= ENOUGH and best[-1] - best[0] >= SPAN else None
 
 
-def _is_far(elevation: Floats, distance: Floats) -> NDArray[np.bool_]:
+def is_far(elevation: Floats, distance: Floats) -> NDArray[np.bool_]:
     """Return which points are far among those of about their elevation."""
     band = np.floor(elevation / BAND).astype(np.int64)
     order = np.lexsort((distance, band))

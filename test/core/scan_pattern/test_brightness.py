@@ -37,6 +37,16 @@ def test_as_loops(count: int) -> None:
     assert bright.tolist() == pytest.approx(naive.brightness(cells))
 
 
+def test_thirty_cells_are_enough() -> None:
+    """Of 30 cells at about one range the median is known, of 29 it is not."""
+    for count, expected in ((30, 1.0), (29, -1.0)):
+        order, bright = np.arange(4 * count), np.empty(4 * count, np.float32)
+        write_brightness(
+            order, np.full(4 * count, 2, np.float32), np.full(4 * count, 7, np.float32), bright
+        )
+        assert set(bright.tolist()) == {expected}
+
+
 def with_intensity(points: Points, scale: float = 1.0) -> Points:
     """Give points intensities that depend on where they are."""
     values = np.abs(np.sin(40.0 * points.xyz).sum(axis=1)) * scale

@@ -15,8 +15,10 @@ from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    BAND,
     find_origin,
     find_peaks,
+    is_far,
     recover_rings,
     spread,
 )
@@ -111,6 +113,27 @@ def test_origin_of_beams() -> None:
     origin = find_origin(flat[order], xyz[order, 2])
     assert origin == pytest.approx((0.036, 0.028), abs=0.002)
     assert share_right(recover_rings(xyz), ring) == 1.0
+
+
+def test_beams_from_the_origin_of_the_frame() -> None:
+    """Where they leave there no other position is made up."""
+    xyz, _ = room(np.array(EVEN), seed=3)
+    flat = np.hypot(xyz[:, 0], xyz[:, 1])
+    order = np.lexsort((flat, xyz[:, 2]))
+    assert find_origin(flat[order], xyz[order, 2]) == (0.0, 0.0)
+
+
+def test_near_points_show_no_ring() -> None:
+    """Of each band of elevation, points count from the quartile of distances or 8 m, if less."""
+    rng = np.random.default_rng(6)
+    elevation, distance = rng.uniform(-0.02, 0.02, 400), rng.uniform(1.0, 30.0, 400)
+    distance[elevation > 0.0] *= 0.2
+    band = np.floor(elevation / BAND).astype(int)
+    expected = []
+    for one, far in zip(band, distance, strict=True):
+        alike = sorted(distance[band == one])
+        expected.append(far >= min(alike[len(alike) // 4], 8.0))
+    assert is_far(elevation, distance).tolist() == expected
 
 
 def test_order_does_not_matter() -> None:

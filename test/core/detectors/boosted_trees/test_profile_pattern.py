@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.profile_drives import PERIOD, SPEED, Drive, pattern_of, points_of, prepared
-from helpers.sweeps import sweep
+from helpers.sweeps import TURN_NS, sweep
 from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
@@ -31,6 +31,8 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, fit_
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 
@@ -130,6 +132,21 @@ def test_no_pattern() -> None:
     swaying = points.t + (800_000 * np.sin(points.t / 7e5)).astype(np.int64)
     swaying[1:] = np.maximum(swaying[1:], swaying[:-1])
     assert find_profile_pattern(points_of(points.xyz, swaying, points.line)) is None
+
+
+@pytest.mark.parametrize('elevations', [np.linspace(-15, 15, 16), np.linspace(-22, 22, 32)])
+@pytest.mark.parametrize('start', range(4))
+def test_a_spinning_sensor_is_no_profile_scanner(elevations: Sequence[float], start: int) -> None:
+    """Turns without rings, a line each, lie at the angles of a mirror, but not in a plane."""
+    turn = sweep(14, 0.05, 3.5, columns=1024, elevations=elevations)
+    column = (turn.t + start * TURN_NS // 7) // (TURN_NS // 1024)
+    times = column * (TURN_NS // 1024)  # one time per column
+    points = points_of(turn.xyz, times, times // TURN_NS)
+    assert find_profile_pattern(points) is None
+    assert (
+        find_profile_pattern(points_of(turn.xyz + times[:, None] * 1e-8, times, points.line))
+        is None
+    )
 
 
 @pytest.mark.parametrize(('lost', 'lines'), [(0.0, 6), (0.3, 8), (0.6, 8)])

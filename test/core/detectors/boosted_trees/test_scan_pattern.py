@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,22 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    first_pass,
+    judge,
+    second_pass,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    LEAST_LOG_ODDS,
+    Trees,
+    add_up,
+    load,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points, spread
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import arctangent, find_pattern
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -209,20 +219,39 @@ def test_two_returns_of_a_shot_are_one_beam() -> None:
             assert np.array_equal(pattern.phase[some][::2], pattern.phase[some][1::2])
 
 
-def test_the_brightest_copy_counts() -> None:
-    """Copies of different intensities may come in any order."""
+@pytest.mark.parametrize('dim', [(1.0, 0.3, 0.5), (1.0, np.nan, 0.5)])
+def test_the_brightest_copy_counts(dim: tuple[float, ...]) -> None:
+    """Copies of different intensities, or without, may come in any order."""
     points = sweep(4, 0.1, columns=900)
     rng = np.random.default_rng(2)
     points = replace(points, intensity=rng.uniform(1, 9, len(points)).astype(np.float32))
-    index = np.repeat(np.arange(len(points)), 2)
-    both = points.take(index)
-    assert both.intensity is not None
-    dim = both.intensity * np.where(np.arange(len(index)) % 2, np.float32(0.3), np.float32(1.0))
-    both = replace(both, intensity=dim)
-    other = both.take(np.arange(len(index)).reshape(-1, 2)[:, ::-1].ravel())
     score = judge(pattern_of(points), 1.0)
-    for one in (both, other):
-        assert judge(pattern_of(one), 1.0).tobytes() == score[index].tobytes()
+    index = np.repeat(np.arange(len(points)), 3)
+    copies = points.take(index)
+    assert copies.intensity is not None
+    for order in permutations(dim):
+        darker = copies.intensity * np.tile(np.array(order, np.float32), len(points))
+        again = judge(pattern_of(replace(copies, intensity=darker)), 1.0)
+        assert again.tobytes() == score[index].tobytes()
+
+
+def test_points_with_an_intensity_have_a_threshold_of_their_own() -> None:
+    """Of equal log-odds, scores differ by whether the brightness is known."""
+    points = sweep(5, 0.1, columns=300)
+    known = np.arange(len(points)) % 2 == 0
+    intensity = np.where(known, 5.0, np.nan).astype(np.float32)
+    pattern = pattern_of(replace(points, intensity=intensity))
+    model, prepared = load(), prepare(pattern)
+    first = first_pass(prepared, model.first)
+    odds = np.empty(len(points), np.float32)
+    spread(pattern, second_pass(prepared, first, model.again, model.doubtful), odds)
+    assert model.threshold_bright != model.threshold
+    bright = np.empty(len(points), np.float32)
+    spread(pattern, pattern.bright, bright)
+    assert 0.3 < np.mean(bright >= 0) < 0.7
+    limit = np.where(bright >= 0, model.threshold_bright, model.threshold) - LEAST_LOG_ODDS
+    expected = np.maximum(odds.astype(np.float64) - LEAST_LOG_ODDS, 0.0) / limit
+    np.testing.assert_array_equal(judge(pattern, 1.0), expected)
 
 
 @pytest.mark.parametrize(
