@@ -20,6 +20,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE
 from lidar_outlier_filter.core.detectors.boosted_trees.window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
@@ -182,9 +183,13 @@ def _moments(pattern: Pattern, places: Ints, group: Index) -> tuple[Ints, Floats
 
 def _describe(count: Ints, of_all: Floats, of_lines: Floats) -> Singles:
     """Return the features ``GROUPS`` of each group, (5, G)."""
-    values, vectors = np.linalg.eigh(np.moveaxis(of_all, 2, 0))
-    _, middle, most = np.maximum(values, TINY).T
-    along = vectors[:, :, 2].T
+    moments = np.ascontiguousarray(np.moveaxis(of_all, 2, 0))
+    vectors = np.empty_like(moments)
+    _turn(moments, vectors)
+    values, every = np.diagonal(moments, axis1=1, axis2=2), np.arange(len(count))
+    long = values.argmax(axis=1)
+    along = vectors[every, :, long].T
+    _, middle, most = np.maximum(np.sort(values, axis=1), TINY).T
     # One product after the other: a group's sum depends on no other group.
     advance = np.zeros(len(count))
     for i in range(3):
@@ -195,3 +200,10 @@ def _describe(count: Ints, of_all: Floats, of_lines: Floats) -> Singles:
         *(np.sqrt(np.maximum(advance, 0.0) / most), UNIFORM * np.sqrt(most)),
     )
     return np.stack(rows).astype(np.float32)
+
+
+@kernel
+def _turn(moments: Floats, vectors: Floats) -> None:
+    """Turn each of some moments (G, 3, 3) into its principal axes, the columns of ``vectors``."""
+    for g in range(len(moments)):
+        eigen(moments[g], vectors[g], 3)
