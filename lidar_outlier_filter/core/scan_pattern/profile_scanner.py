@@ -30,7 +30,7 @@ KNOWN = 0.5  # share of the lines whose own returns must show the scanner's posi
 FITS = 3
 NEAREST = 0.5  # m: what is nearer does not weigh more
 UNEVEN = 0.5  # steps of the mirror that a typical return may be off its angle
-FLAT = 0.02  # rad that a typical return may be off the plane of its line
+FLAT = 0.02  # rad that a typical return of a typical line may be off its plane
 UNSURE = 0.2  # m: standard deviation of the scanner's position
 FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
 AWAY = 0.01  # m: least range
@@ -92,14 +92,15 @@ def find_scanner(
     )
     fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE) & (sizes >= FEWEST)
+    if np.count_nonzero(good) < KNOWN * len(sizes):
+        return None
     # Unevenly taken, because of rings in turn even steps would take always the same one.
     some = begins[:, None] + (WITHIN * sizes[:, None]).astype(np.int64)
     away = pool.run(
         lambda i, j: off_plane(xyz[order[some[i:j]]] - fit.position[i:j, None], turned[some[i:j]]),
         *(len(sizes), LINES_AT_ONCE, threads),
     )
-    good &= np.concatenate(away) <= FLAT
-    if np.count_nonzero(good) < KNOWN * len(sizes):
+    if np.median(np.concatenate(away)[good]) > FLAT:
         return None
     known = good[rank]
     when = turns[rank]
