@@ -167,7 +167,7 @@ def _moments(pattern: Pattern, places: Ints, group: Index) -> tuple[Ints, Floats
     groups = int(group.max(initial=-1)) + 1
     line = np.searchsorted(pattern.last, places, side='right')
     seen, pair, size = np.unique(line * groups + group, return_inverse=True, return_counts=True)
-    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, places].astype(np.float64)
+    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, places]
     count = np.bincount(group, minlength=groups)
     of_lines = np.stack([np.bincount(pair, row, len(seen)) for row in xyz])
     mean = np.stack([np.bincount(group, row, groups) for row in xyz]) / count
