@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.world.trajectory import Route
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 RINGS, COLUMNS = 16, 900
 WALLS = np.array([[25.0, -15.0], [12.0, -8.0], [8.0, -1.9]])  # m: of a hall, in each direction
@@ -85,47 +89,18 @@ def test_order_does_not_matter() -> None:
     assert np.array_equal(one.own[order], other.own)
 
 
-def unsteady(points: Points) -> Points:
-    """Let the head turn to and fro by some degrees."""
-    late = np.rint(4e6 * np.sin(points.t / 2e6)).astype(np.int64)
-    return replace(points, t=points.t + late - late.min())
+CHANGES: dict[str, Callable[[Points], Points]] = {
+    'unsteady': lambda it: replace(it, t=it.t + np.rint(4e6 * np.sin(it.t / 2e6)).astype(int)),
+    'anywhere': lambda it: replace(it, xyz=np.random.default_rng(2).uniform(-20, 20, it.xyz.shape)),
+    'at one place': lambda it: replace(it, xyz=np.ones_like(it.xyz)),
+    'seconds apart': lambda it: replace(it, t=it.t - (it.t < SECOND // 20) * 5 * SECOND),
+    'three rings': lambda it: it.take(it.line < 3),
+    'ring by ring': lambda it: replace(it, t=it.t + it.line * SECOND),
+    'on its side': lambda it: replace(it, xyz=it.xyz[:, [2, 1, 0]] + 50.0),
+}
 
 
-def anywhere(points: Points) -> Points:
-    """Put points anywhere."""
-    return replace(points, xyz=np.random.default_rng(2).uniform(-20, 20, points.xyz.shape))
-
-
-def at_one_place(points: Points) -> Points:
-    """Put points at one place."""
-    return replace(points, xyz=np.ones_like(points.xyz))
-
-
-def long_ago(points: Points) -> Points:
-    """Let half of the points be seconds older."""
-    return replace(points, t=points.t - np.where(points.t < SECOND // 20, 5 * SECOND, 0))
-
-
-def three_rings(points: Points) -> Points:
-    """Leave out all rings but three."""
-    return points.take(points.line < 3)
-
-
-def one_by_one(points: Points) -> Points:
-    """Measure one ring after the other."""
-    return replace(points, t=points.t + points.line * SECOND)
-
-
-def on_its_side(points: Points) -> Points:
-    """Let the sensor lie on its side."""
-    return replace(points, xyz=points.xyz[:, [2, 1, 0]] + 50.0)
-
-
-@pytest.mark.parametrize(
-    'change',
-    [unsteady, anywhere, at_one_place, long_ago, three_rings, one_by_one, on_its_side],
-)
-def test_no_frame_is_made_up(change: object) -> None:
+@pytest.mark.parametrize('name', CHANGES)
+def test_no_frame_is_made_up(name: str) -> None:
     """Points that no steadily turning head sees have none."""
-    assert callable(change)
-    assert find_own_frame(change(turn_of_a_head())) is None
+    assert find_own_frame(CHANGES[name](turn_of_a_head())) is None

@@ -244,14 +244,6 @@ def test_arrays_without_lines() -> None:
     assert np.mean(said.outlier == found.outlier) > 0.999
 
 
-def test_intensity_of_arrays() -> None:
-    """Intensities of an array count where it has rings."""
-    xyz, _ = room(np.array(EVEN))
-    bright = np.random.default_rng(5).uniform(1.0, 100.0, len(xyz))
-    dark, lit = detect_outliers(xyz), detect_outliers(xyz, intensity=bright)
-    assert not np.array_equal(dark.score, lit.score)
-
-
 def test_files(real_data: Path, tmp_path: Path) -> None:
     """``clean`` says how many rings it recovered, ``info`` too; tiles change nothing."""
     path = real_data / 'clouds' / 'source.ply'

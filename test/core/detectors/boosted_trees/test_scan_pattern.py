@@ -5,14 +5,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.sweeps import RATE, TURN_NS, measured, pattern_of, sweep
 from naive import scan_pattern as naive
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
@@ -32,8 +29,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points, spread
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import arctangent, find_pattern
-from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 @pytest.mark.parametrize(
@@ -254,25 +249,6 @@ def test_points_with_an_intensity_have_a_threshold_of_their_own() -> None:
     np.testing.assert_array_equal(judge(pattern, 1.0), expected)
 
 
-@pytest.mark.parametrize(
-    'name', ['vlp32_nebula_db3', 'vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'os1_128_db3']
-)
-def test_rings_of_recordings(recordings: Path, name: str) -> None:
-    """Clouds of spinning sensors have a pattern, whether their rings are even or not."""
-    decoder = Decoder(FilterParameters())
-    with AnyReader(
-        [recordings / 'bags' / name], default_typestore=get_typestore(Stores.ROS2_JAZZY)
-    ) as reader:
-        clouds = [
-            decoder.decode(reader.deserialize(data, connection.msgtype))
-            for connection, _, data in reader.messages()
-            if connection.msgtype.endswith('PointCloud2')
-        ]
-    found = [find_pattern(points.take(points.valid)) is not None for points in clouds]
-    assert found
-    assert all(found)
-
-
 def test_arctangent() -> None:
     """Within 1e-8 of the function, in all quadrants and on the axes."""
     rng = np.random.default_rng(1)
@@ -333,7 +309,7 @@ def test_nothing_is_read_behind_the_last_line(count: int) -> None:
 
 
 def test_scores_of_the_first_pass_around_points() -> None:
-    """Shares of points as far away, and of rings beside: there are none beyond the outermost."""
+    """Shares of rings beside: there are none beyond the outermost."""
     points = sweep(12, 0.0)
     pattern = pattern_of(points)
     prepared = prepare(pattern)
@@ -341,12 +317,6 @@ def test_scores_of_the_first_pass_around_points() -> None:
     score[pattern.first[0] : pattern.first[0] + 9] = 1.0
     out = measure(prepared, count_scores(pattern, score))
     found = dict(zip(SECOND_PASS, out[len(WINDOW) :], strict=True))
-    there = pattern.order >= 0
-    # Nearer than 1 m, than 2 m and so on: an edge belongs to what is nearer.
-    octave = np.ceil(np.log2(np.maximum(pattern.range, 1.0)))
-    for k in np.flatnonzero(there):
-        alike = there & (octave == octave[k])
-        assert found['share_range'][k] == np.float32((score[alike] > 0).mean())
     for line in range(len(pattern.first)):
         wide = found['wide_other'][pattern.first[line] : pattern.last[line]]
         assert wide.any() == (line in {1, 2})

@@ -252,12 +252,6 @@ def test_finds_a_piece_that_a_mirror_shows_below(seed: int) -> None:
     assert not outlier[:10_000].any()
 
 
-def test_an_even_plane_is_kept() -> None:
-    """An even, noisy plane loses nothing."""
-    xyz = np.random.default_rng(6).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.2), (20_000, 3))
-    assert not detect_outliers(xyz).outlier.any()
-
-
 def test_lines_are_not_looked_at_where_asked() -> None:
     """With ``boosted_trees.sensor: survey`` times and lines count for nothing."""
     xyz = surface(500)
