@@ -86,8 +86,9 @@ def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
 
 def contribute(trees: Trees, values: Singles) -> Singles:
     """Return what each feature adds to the log-odds of W points with these values, both (F, W)."""
-    added = np.zeros_like(values)
-    _add_up(trees, find_means(trees), values, added)
+    added = np.zeros(values.shape, np.float32)
+    # Of one layout, whatever was picked: another one would be compiled once more.
+    _add_up(trees, find_means(trees), np.ascontiguousarray(values), added)
     return added
 
 
