@@ -74,6 +74,11 @@ def to_rosbags(msg: PointCloud2) -> Any:
     return STORE.deserialize_cdr(serialize_message(msg), NAME)
 
 
+def to_bytes(msg: PointCloud2) -> bytes:
+    """Serialize a message, its padding zero: ROS itself leaves anything there."""
+    return bytes(STORE.serialize_cdr(to_rosbags(msg), NAME))
+
+
 def to_ros(msg: Any) -> PointCloud2:
     """Turn a message of rosbags into that of ROS; it must be one that can be sent."""
     return deserialize_message(bytes(STORE.serialize_cdr(msg, NAME)), PointCloud2)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
@@ -17,8 +17,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from helpers.clouds import STORE, cloud, to_bytes
+from helpers.drives import PERIOD, STRING, cdr
+from helpers.drives import content as read_content
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -26,10 +29,9 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
-JAZZY, NOETIC = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
-CLOUD, TEXT = 'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/String'
-TOPICS = {'/lidar': CLOUD, '/text': TEXT}
-COUNT, PERIOD = 12, 100_000_000  # clouds, and ns from one to the next
+NOETIC = get_typestore(Stores.ROS1_NOETIC)
+TOPICS = {'/lidar': CLOUD, '/text': STRING}
+COUNT = 12  # clouds, one each PERIOD
 POINTS = 120
 FAST: dict[str, object] = {
     'chain': ('alpha_beta_gamma',),
@@ -65,32 +67,25 @@ class Content(dict[str, list[tuple[int, bytes]]]):
 
 
 class Sent(NamedTuple):
-    """A message: its topic, bag time and itself."""
+    """A message: its topic, bag time and bytes."""
 
     topic: str
     time: int
-    message: Any
+    data: bytes
 
 
-def drive(types: Any, points: int = POINTS) -> list[Sent]:
+def drive() -> list[Sent]:
     """Make clouds of a wall with outliers, 0.1 s each, and a text before each."""
     sent = []
     for i in range(COUNT):
         rng = np.random.default_rng(i)
-        rows = np.zeros(points, [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4')])
-        rows['time'] = np.arange(points) * (0.1 / points)
-        rows['x'] = 10 + rng.normal(0, 0.01, points)
-        rows['y'] = np.linspace(-5, 5, points)
-        rows['x'][rng.choice(points, 3, replace=False)] -= 3
-        field = types['sensor_msgs/msg/PointField']
-        stamp = types['builtin_interfaces/msg/Time'](*divmod(i * PERIOD, 10**9))
-        old = 'seq' in types['std_msgs/msg/Header'].__dataclass_fields__
-        header = types['std_msgs/msg/Header'](*([i] if old else []), stamp, 'lidar')
-        fields = [field(name, 4 * k, 7, 1) for k, name in enumerate(('x', 'y', 'z', 'time'))]
-        shape = (1, points, fields, False, 16, 16 * points)
-        data, is_dense = rows.view(np.uint8).reshape(-1), True
-        sent.append(Sent('/text', i * PERIOD, types[TEXT](f'cloud {i}')))
-        sent.append(Sent('/lidar', i * PERIOD, types[CLOUD](header, *shape, data, is_dense)))
+        rows = np.zeros(POINTS, [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4')])
+        rows['time'] = np.arange(POINTS) * (0.1 / POINTS)
+        rows['x'] = 10 + rng.normal(0, 0.01, POINTS)
+        rows['y'] = np.linspace(-5, 5, POINTS)
+        rows['x'][rng.choice(POINTS, 3, replace=False)] -= 3
+        sent.append(Sent('/text', i * PERIOD, cdr(STRING, f'cloud {i}')))
+        sent.append(Sent('/lidar', i * PERIOD, to_bytes(cloud(rows, i * PERIOD))))
     return sent
 
 
@@ -124,11 +119,10 @@ def _write_mcap(path: Path, form: str) -> Path:
         writer.start('ros2')
         channels = {}
         for topic, msgtype in TOPICS.items():
-            definition = JAZZY.generate_msgdef(msgtype, ros_version=2)[0].encode()
+            definition = STORE.generate_msgdef(msgtype, ros_version=2)[0].encode()
             schema = writer.register_schema(msgtype, 'ros2msg', definition)
             channels[topic] = writer.register_channel(topic, 'cdr', schema)
-        for topic, time, message in drive(JAZZY.types):
-            data = bytes(JAZZY.serialize_cdr(message, TOPICS[topic]))
+        for topic, time, data in drive():
             writer.add_message(channels[topic], time, data, time)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
@@ -144,30 +138,22 @@ def _write_ros1(path: Path, form: str) -> Path:
             topic: writer.add_connection(topic, msgtype, typestore=NOETIC)
             for topic, msgtype in TOPICS.items()
         }
-        for topic, time, message in drive(NOETIC.types):
-            data = NOETIC.serialize_ros1(message, TOPICS[topic])
-            writer.write(connections[topic], time, data)
+        for topic, time, data in drive():
+            writer.write(connections[topic], time, STORE.cdr_to_ros1(data, TOPICS[topic]))
     return path
 
 
-def _write_ros2(
-    path: Path,
-    plugin: StoragePlugin,
-    form: str,
-    parts: slice = slice(None),
-    points: int = POINTS,
-) -> Path:
+def _write_ros2(path: Path, plugin: StoragePlugin, form: str, parts: slice = slice(None)) -> Path:
     writer = Writer2(path, version=9, storage_plugin=plugin)
     writer.set_custom_data('robot', 'seven')
     if form in {'file', 'message'}:
         writer.set_compression(CompressionMode[form.upper()], CompressionFormat.ZSTD)
     with writer:
         connections = {
-            topic: writer.add_connection(topic, msgtype, typestore=JAZZY)
+            topic: writer.add_connection(topic, msgtype, typestore=STORE)
             for topic, msgtype in TOPICS.items()
         }
-        for topic, time, message in drive(JAZZY.types, points)[parts]:
-            data = JAZZY.serialize_cdr(message, TOPICS[topic])
+        for topic, time, data in drive()[parts]:
             writer.write(connections[topic], time, data)
     return path
 
@@ -247,11 +233,7 @@ def inflict(recording: Path, damage: Damage) -> None:
 
 def content(path: Path) -> Content:
     """Read all messages of a recording, by topic."""
-    with Recording(path) as recording:
-        found = Content((topic.name, []) for topic in recording.topics)
-        for topic, time, data in recording.messages():
-            found[topic.name].append((time, data))
-    return found
+    return Content(read_content(path))
 
 
 def salvage(recording: Path, output: Path) -> ReplayReport | None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small recordings for tests of archives, and what is compared of their replays."""
+"""Small recordings for tests, how they are read back, and what is compared of their replays."""
 
 from __future__ import annotations
 
@@ -9,32 +9,50 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from geometry_msgs.msg import Point
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rosbags.typesys import get_types_from_msg
 
+from helpers.clouds import SECOND, STORE, cloud, to_bytes
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
-from lidar_outlier_filter.recordings.bags import NewBag, Topic
+from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from lidar_outlier_filter.annotations import Rows
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-SECOND = 10**9
 PERIOD = SECOND // 10  # between two clouds
 BEGIN = 1_750_000_000 * SECOND
 ROW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4'), ('ring', '<u2')])
 FAST: Mapping[str, object] = {'chain': ['alpha_beta_gamma', 'elevation']}
-_KINDS = {'<f4': 7, '<u2': 4}
+STRING, DOOR = 'std_msgs/msg/String', 'shop_msgs/msg/Door'
+STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
 
 
 def topic_of(name: str, msgtype: str) -> Topic:
     """Describe a topic of a known type."""
     definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
-    return Topic(name, msgtype, definition, STORE.hash_rihs01(msgtype))
+    return Topic(name, msgtype, definition, STORE.hash_rihs01(msgtype), (LATCHED,))
 
 
-def rows_of_turn(number: int, points: int = 120) -> np.ndarray[Any, np.dtype[np.void]]:
+def cdr(msgtype: str, *values: Any) -> bytes:
+    """Serialize a message."""
+    return STORE.serialize_cdr(STORE.types[msgtype](*values), msgtype).tobytes()
+
+
+def content(path: Path) -> dict[str, list[tuple[int, bytes]]]:
+    """Read all messages of a recording, by topic."""
+    with Recording(path) as recording:
+        found: dict[str, list[tuple[int, bytes]]] = {topic.name: [] for topic in recording.topics}
+        for topic, time, data in recording.messages():
+            found[topic.name].append((time, data))
+    return found
+
+
+def rows_of_turn(number: int, points: int = 120) -> Rows:
     """Make one turn of two rings within a noisy cylinder, with three points far inside."""
     rng = np.random.default_rng(number)
     rows = np.zeros(points, ROW)
@@ -48,52 +66,21 @@ def rows_of_turn(number: int, points: int = 120) -> np.ndarray[Any, np.dtype[np.
     return rows
 
 
-def cloud_bytes(
-    rows: np.ndarray[Any, np.dtype[np.void]], stamp: int, columns: tuple[str, ...] = ROW.names or ()
-) -> bytes:
-    """Write rows as a PointCloud2, with some of their columns."""
-    types = STORE.types
+def cloud_bytes(rows: Rows, stamp: int, columns: tuple[str, ...] = ROW.names or ()) -> bytes:
+    """Serialize rows as a cloud, with some of their columns."""
     kept = np.empty(len(rows), [(name, ROW[name]) for name in columns])
     for name in columns:
         kept[name] = rows[name]
-    fields, offset = [], 0
-    for name in columns:
-        fields.append(types['sensor_msgs/msg/PointField'](name, offset, _KINDS[ROW[name].str], 1))
-        offset += ROW[name].itemsize
-    message = types[CLOUD](
-        header=_header(stamp, 'lidar'),
-        height=1,
-        width=len(kept),
-        fields=fields,
-        is_bigendian=False,
-        point_step=offset,
-        row_step=offset * len(kept),
-        data=np.frombuffer(kept.tobytes(), np.uint8),
-        is_dense=True,
-    )
-    return bytes(STORE.serialize_cdr(message, CLOUD))
+    return to_bytes(cloud(kept, stamp))
 
 
 def pose_bytes(stamp: int, x: float) -> bytes:
-    """Write an odometry at ``x``, metres, on a straight way."""
-    types = STORE.types
-    point, turn = types['geometry_msgs/msg/Point'], types['geometry_msgs/msg/Quaternion']
-    vector = types['geometry_msgs/msg/Vector3']
-    pose = types['geometry_msgs/msg/Pose'](point(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
-    speed = types['geometry_msgs/msg/Twist'](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
-    zeros = np.zeros(36)
-    message = types[ODOMETRY](
-        header=_header(stamp, 'odom'),
-        child_frame_id='base',
-        pose=types['geometry_msgs/msg/PoseWithCovariance'](pose, zeros),
-        twist=types['geometry_msgs/msg/TwistWithCovariance'](speed, zeros),
-    )
-    return bytes(STORE.serialize_cdr(message, ODOMETRY))
-
-
-def _header(stamp: int, frame: str) -> Any:
-    time = STORE.types['builtin_interfaces/msg/Time'](*divmod(stamp, SECOND))
-    return STORE.types['std_msgs/msg/Header'](time, frame)
+    """Serialize an odometry at ``x``, metres, on a straight way."""
+    msg = Odometry(child_frame_id='base')
+    msg.header.frame_id = 'odom'
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, SECOND)
+    msg.pose.pose.position = Point(x=x)
+    return bytes(serialize_message(msg))
 
 
 def write_drive(  # noqa: PLR0913  what may differ

@@ -23,6 +23,7 @@ from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.live import KEEP_ALL, PATIENCE, new_domain
+from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.health import Backlog, Health
@@ -45,6 +46,11 @@ def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> li
 def flush(node: OutlierFilterNode) -> list[SplitCloud]:
     """Answer all that is pending in a node that is not started."""
     return node.channels[0]._filter.flush()
+
+
+def values(node: OutlierFilterNode) -> dict[str, object]:
+    """Read all parameters of the node from ROS."""
+    return {item.name: node.get_parameter(item.name).value for item in describe()}
 
 
 # The columns of ~/statistics.
@@ -151,9 +157,9 @@ class Ros:
         self.context.try_shutdown()
 
 
-def _to_set(values: dict[str, object]) -> list[Parameter]:
+def _to_set(changes: dict[str, object]) -> list[Parameter]:
     """Make parameters; two underscores stand for the dot."""
-    return [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()]
+    return [Parameter(name.replace('__', '.'), value=value) for name, value in changes.items()]
 
 
 class Sensor:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A profile scanner on a vehicle in a narrow street: its clouds in two frames, truth, odometry."""
+"""A profile scanner on a vehicle in a street: clouds in two frames, truth, odometry, bags."""
 
 from __future__ import annotations
 
@@ -8,11 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 
 from helpers.clouds import SECOND, STAMP, cloud
+from helpers.drives import topic_of
+from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.motion import Odometry as OdometryMotion
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
+from lidar_outlier_filter.recordings.bags import NewBag
+from lidar_outlier_filter.tuning.training import Training, from_recording
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.annotations import Floats
@@ -27,6 +41,14 @@ MOUNTING: dict[str, object] = dict(
         strict=True,
     )
 )
+SOR: dict[str, object] = {
+    'chain': ('sor',),
+    'sor.statistic': 'radius',
+    'sor.radius': 0.3,
+    'sor.min_neighbors': 4,
+}
+MOVING = SOR | MOUNTING | {'motion.source': 'odometry'}
+REPLAYED = MOVING | {'motion.topic': '/odom'}
 # Normal, distance from the street, and how far a wall goes in and out.
 WALLS = ((0, 1, 0, 7.0, 1.5), (0, -1, 0, 6.0, 1.0), (0, 0, -1, 0.0, 0.0), (0, 0, 1, 9.0, 1.5))
 
@@ -85,11 +107,9 @@ class Drive:
         """Make the odometry of the drive, and a bit more."""
         last = int(self.t[-1]) * 1e-9
         t: Floats = np.arange(-1.0, np.ceil(last * rate) + 2, dtype=np.float64) / rate
-        return [_odometry(*item) for item in zip(t, *_listed(*pose(t)), strict=True)]
-
-
-def _listed(position: Floats, rotation: Rotation) -> tuple[list[list[float]], list[list[float]]]:
-    return (position + MAP).tolist(), rotation.as_quat().tolist()
+        position, rotation = pose(t)
+        listed = (position + MAP).tolist(), rotation.as_quat().tolist()
+        return [_odometry(*item) for item in zip(t, *listed, strict=True)]
 
 
 def _odometry(t: float, position: list[float], quaternion: list[float]) -> Odometry:
@@ -104,7 +124,102 @@ def _odometry(t: float, position: list[float], quaternion: list[float]) -> Odome
     return msg
 
 
+def nanoseconds(msg: Any) -> int:
+    """Return the stamp of a message."""
+    return int(msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec)
+
+
 def seconds(msg: Any) -> float:
     """Return the stamp of a message, seconds after the start of a drive."""
-    nanoseconds: int = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec - STAMP
-    return nanoseconds * 1e-9
+    return (nanoseconds(msg) - STAMP) * 1e-9
+
+
+class Moving:
+    """A filter that is given clouds and odometry by their stamps."""
+
+    def __init__(self, extra: Mapping[str, object] | None = None) -> None:
+        parameters = FilterParameters().changed({**MOVING, **(extra or {})})
+        self.motion = OdometryMotion(parameters)
+        self.filter = Pipeline(parameters, motion=self.motion)
+
+    def run(
+        self, clouds: Iterable[PointCloud2], odometry: Iterable[object], delay: float = 0.0
+    ) -> list[SplitCloud]:
+        """Feed all messages; odometry arrives ``delay`` seconds after its time."""
+        events = [(seconds(msg), 0, msg) for msg in clouds]
+        events += [(seconds(msg) + delay, 1, msg) for msg in odometry]
+        answers: list[SplitCloud] = []
+        for _, is_odometry, msg in sorted(events, key=lambda event: event[:2]):
+            if is_odometry:
+                self.motion.take(msg)
+                answers += self.filter.advance()
+            else:
+                answers += self.filter.process(msg, msg)
+        return answers + self.filter.flush()
+
+
+def rejected(drive: Drive, answers: list[SplitCloud]) -> NDArray[np.bool_]:
+    """Return which points of the drive went to the outliers, by the time in their clouds."""
+    mask = np.zeros(len(drive.t), np.bool_)
+    for answer in answers:
+        if answer.outliers.width:
+            rows = structured(answer.outliers).reshape(-1)
+            start = nanoseconds(answer.outliers) - STAMP
+            mask |= np.isin(drive.t, rows['t'].astype(np.int64) + start)
+    return mask
+
+
+def write(
+    path: Path,
+    drive: Drive,
+    topics: tuple[str, ...] = ('/points',),
+    late: Sequence[PointCloud2] = (),
+) -> Path:
+    """Write a recording: clouds at the end of their time, odometry 30 ms after its own.
+
+    The clouds of ``late`` come a minute late.
+    """
+    clouds = [(SECOND // 10, msg) for msg in drive.clouds(drive.own)]
+    clouds += [(60 * SECOND, msg) for msg in late]
+    odometry = [(3 * SECOND // 100, msg) for msg in drive.odometry()]
+    streams = [(topic_of(name, CLOUD), clouds) for name in topics]
+    streams.append((topic_of('/odom', ODOMETRY), odometry))
+    events = [
+        (nanoseconds(msg) + delay, topic, msg)
+        for topic, messages in streams
+        for delay, msg in messages
+    ]
+    with NewBag(path) as bag:
+        for topic, _ in streams:
+            bag.add(topic)
+        for time, topic, msg in sorted(events, key=lambda event: event[0]):
+            bag.write(topic, time, bytes(serialize_message(msg)))
+    return path
+
+
+class Recorded:
+    """A recorded drive, with a file of labels for each cloud."""
+
+    def __init__(self, folder: Path, drive: Drive) -> None:
+        self.drive, self.bag = drive, write(folder / 'drive', drive)
+        self.labels = folder / 'labels'
+        self.labels.mkdir()
+        self.files = []
+        size = 10 * SHOTS  # points of a cloud
+        for begin in range(0, len(drive.wrong), size):
+            self.files.append(self.labels / f'{begin:06}.npy')
+            np.save(self.files[-1], drive.wrong[begin : begin + size].astype(np.uint8))
+
+    def training(self, values: dict[str, object], **options: Any) -> Training:
+        """Read it."""
+        options.setdefault('truth', self.files)
+        parameters = FilterParameters().changed(values)
+        return from_recording(self.bag, parameters, ALL_BUT_0, **options)
+
+
+class WithoutFirstPoses(Drive):
+    """A drive whose odometry begins 0.3 s late."""
+
+    def odometry(self, rate: int = 100) -> list[Odometry]:
+        """Leave the first poses out."""
+        return [msg for msg in super().odometry(rate) if seconds(msg) > 0.295]

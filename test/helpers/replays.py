@@ -9,23 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 
+from helpers.clouds import cloud as cloud_of
+from helpers.clouds import point_bytes
+from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, topic_of
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import NewBag
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
     Content = dict[str, list[tuple[int, bytes]]]
-
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-STRING = 'std_msgs/msg/String'
-DOOR = 'shop_msgs/msg/Door'
-STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
 
 REAL = [
     'cloudini_lidar_link_mcap',
@@ -40,16 +36,6 @@ REAL = [
     'vlp32_nebula_db3',
 ]
 
-PERIOD = 100_000_000  # ns between two clouds
-FIELDS = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4'), ('ring', '<u2')]
-ROW = np.dtype(FIELDS)
-
-
-def topic_of(name: str, msgtype: str) -> Topic:
-    """Describe a topic of a known type."""
-    definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
-    return Topic(name, msgtype, definition, STORE.hash_rihs01(msgtype), (LATCHED,))
-
 
 def cloud(index: int, points: int = 200) -> Any:
     """Make one ring of 0.1 s: a wall with noise, and three points far before it."""
@@ -59,18 +45,7 @@ def cloud(index: int, points: int = 200) -> Any:
     rows['x'] = 10 + rng.normal(0, 0.01, points)
     rows['y'] = np.linspace(-5, 5, points)
     rows['x'][rng.choice(points, 3, replace=False)] -= 3
-    msg = PointCloud2(
-        height=1, width=points, point_step=ROW.itemsize, row_step=points * ROW.itemsize
-    )
-    msg.header.frame_id = 'lidar'
-    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(index * PERIOD, 10**9)
-    kinds = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16}
-    msg.fields = [
-        PointField(name=name, offset=4 * number, datatype=kinds[kind], count=1)
-        for number, (name, kind) in enumerate(FIELDS)
-    ]
-    msg.data = rows.tobytes()
-    return msg
+    return cloud_of(rows, index * PERIOD)
 
 
 def write_drive(path: Path, clouds: Iterable[Any], lidars: Iterable[str] = ('/lidar',)) -> Path:
@@ -89,28 +64,6 @@ def write_drive(path: Path, clouds: Iterable[Any], lidars: Iterable[str] = ('/li
     return path
 
 
-def cdr(msgtype: str, *values: Any) -> bytes:
-    """Serialize a message."""
-    return STORE.serialize_cdr(STORE.types[msgtype](*values), msgtype).tobytes()
-
-
-def content(path: Path) -> Content:
-    """Read all messages of a recording, by topic."""
-    with Recording(path) as recording:
-        found: Content = {topic.name: [] for topic in recording.topics}
-        for topic, time, data in recording.messages():
-            found[topic.name].append((time, data))
-    return found
-
-
-def rows_of(msg: Any) -> list[bytes]:
-    """Cut a cloud into the bytes of its points."""
-    data, step = bytes(msg.data), msg.point_step
-    assert msg.row_step == msg.width * step
-    assert len(data) == msg.row_step * msg.height
-    return [data[start : start + step] for start in range(0, len(data), step)]
-
-
 def is_part(part: list[bytes], whole: list[bytes]) -> bool:
     """Return whether the rows of the part are in the whole, in their order."""
     rest = iter(whole)
@@ -127,7 +80,7 @@ def check_answers(before: Content, after: Content, topic: str) -> None:
         )
         assert msg.header == cleaned.header == outliers.header
         assert msg.fields == cleaned.fields == outliers.fields
-        whole, kept, rejected = rows_of(msg), rows_of(cleaned), rows_of(outliers)
+        whole, kept, rejected = map(point_bytes, (msg, cleaned, outliers))
         assert Counter(kept) + Counter(rejected) == Counter(whole)
         assert is_part(kept, whole)
         assert is_part(rejected, whole)

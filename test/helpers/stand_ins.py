@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from helpers.clouds import NAME, STORE, cloud, to_bytes
 from lidar_outlier_lab.simulation.scenes.spinning_streets import plan, rings
 from lidar_outlier_lab.simulation.world.drive import simulate
 from lidar_outlier_lab.simulation.world.recording import messages
@@ -24,12 +25,10 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Rows
 
-    Lay = Callable[[Rows, int, SpinningScanner], Any]  # points, nanoseconds of the first shot
+    Lay = Callable[[Rows, int, SpinningScanner], bytes]  # points, nanoseconds of the first shot
 
-STORE, ROS1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
-NAME = 'sensor_msgs/msg/PointCloud2'
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
 TURN = 100_000_000  # nanoseconds
-DATATYPES = {'<f4': 7, '<f8': 8, '<u4': 6, '<u2': 4}
 XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]
 VELODYNE = np.dtype([*XYZI, ('ring', '<u2'), ('time', '<f4')])
 HESAI = np.dtype([*XYZI, ('ring', '<u2'), ('azimuth', '<f4'), ('stamp', '<f8')])
@@ -47,25 +46,10 @@ TIMES = 250  # different times of a turn in the layout of `lidar_link`
 
 
 def write_cloud(rows: Rows, stamp: int, frame: str, *, is_dense: bool = True) -> bytes:
-    """Serialise rows (N,) or (height, width) as a message."""
-    grid = np.atleast_2d(rows)
-    fields: Any = rows.dtype.fields
-    types = STORE.types
-    time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9))
-    cloud = types[NAME](
-        types['std_msgs/msg/Header'](time, frame),
-        *grid.shape,
-        [
-            types['sensor_msgs/msg/PointField'](name, offset, DATATYPES[kind.str], 1)
-            for name, (kind, offset) in fields.items()
-        ],
-        is_bigendian=False,
-        point_step=rows.dtype.itemsize,
-        row_step=rows.dtype.itemsize * grid.shape[1],
-        data=np.frombuffer(grid.tobytes(), np.uint8),
-        is_dense=is_dense,
-    )
-    return bytes(STORE.serialize_cdr(cloud, NAME))
+    """Serialize rows (N,) or (height, width) as a message."""
+    msg = cloud(rows, stamp)
+    msg.header.frame_id, msg.is_dense = frame, is_dense
+    return to_bytes(msg)
 
 
 def _filled(points: Rows, layout: np.dtype[np.void]) -> Rows:
@@ -163,8 +147,8 @@ def turns(one: StandIn) -> Iterator[tuple[int, bytes]]:
     """Simulate turns in a dry street: bag time and message of each."""
     street = plan(one.sensor.rings, 7)
     drive = replace(street, sensor=one.sensor, lines=one.turns, scene=replace(street.scene, air=()))
-    for cloud in messages(drive, simulate(drive), 1):
-        yield cloud.sent, one.lay(cloud.points, cloud.stamp, one.sensor)
+    for turn in messages(drive, simulate(drive), 1):
+        yield turn.sent, one.lay(turn.points, turn.stamp, one.sensor)
 
 
 def write_stand_ins(folder: Path) -> Path:

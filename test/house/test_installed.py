@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from helpers.cloud_files import columns
 from helpers.detectors import BITS
+from helpers.drives import ROW
 from helpers.labelled import write
 from helpers.live import (
     ARRIVAL,
@@ -30,7 +31,6 @@ from helpers.live import (
     next_status,
     publisher,
 )
-from helpers.replays import ROW
 from helpers.replays import cloud as recorded
 from helpers.strangers import install, write_installed
 from helpers.watching import RELIABLE

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
-from helpers.moving_sensor import SOR, Moving, rejected
-from helpers.profile_scanner import SHOTS, Drive, seconds
+from helpers.profile_scanner import SHOTS, SOR, Drive, Moving, rejected, seconds
 from helpers.sweeps import sweep
 
 from lidar_outlier_filter.errors import ParameterError

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.clouds import cloud
+from helpers.drives import topic_of
 from helpers.own_vehicle import stamp, turn
-from helpers.replays import topic_of
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore

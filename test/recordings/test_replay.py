@@ -13,19 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import yaml
-from helpers.replays import (
-    DOOR,
-    PERIOD,
-    REAL,
-    ROW,
-    STRING,
-    cdr,
-    check_answers,
-    cloud,
-    content,
-    topic_of,
-    write_drive,
-)
+from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, content, topic_of
+from helpers.replays import REAL, check_answers, cloud, write_drive
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability

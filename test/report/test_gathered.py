@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
-from helpers.moved_training import Recorded, WithoutFirstPoses
-from helpers.moving_bags import REPLAYED
+from helpers.profile_scanner import REPLAYED, Recorded, WithoutFirstPoses
 from helpers.report_pages import positions, read_message
 from matplotlib import colormaps
 

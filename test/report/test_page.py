@@ -14,8 +14,7 @@ import numpy as np
 import pyproj
 import pytest
 from helpers.browsers import new_tab
-from helpers.moving_bags import REPLAYED, write
-from helpers.profile_scanner import Drive
+from helpers.profile_scanner import REPLAYED, Drive, write
 from helpers.report_pages import (
     DESKTOP,
     PHONE,

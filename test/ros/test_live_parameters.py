@@ -7,8 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.node_values import values
-from helpers.nodes import Ros, Sensor, flush, line, process, rejected
+from helpers.nodes import Ros, Sensor, flush, line, process, rejected, values
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from helpers.clouds import SECOND
-from helpers.moving_bags import REPLAYED, _time, write
-from helpers.moving_sensor import MOVING, Moving, rejected
 from helpers.nodes import Ros, Sensor, hold_up, wait_for_thread
-from helpers.profile_scanner import Drive
+from helpers.profile_scanner import MOVING, REPLAYED, Drive, Moving, nanoseconds, rejected, write
 from nav_msgs.msg import Odometry
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
@@ -112,7 +110,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     channel._clock.now = lambda: later  # type: ignore[method-assign]
     for pose in odometry:
         publisher.publish(pose)
-    last = _time(odometry[-1])
+    last = nanoseconds(odometry[-1])
     assert channel._motion is not None
     while not channel._motion.reaches(last, ''):
         ros.executor.spin_once(0.05)

@@ -9,10 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.moved_training import Recorded, WithoutFirstPoses
-from helpers.moving_bags import REPLAYED
-from helpers.moving_sensor import Moving, rejected
-from helpers.profile_scanner import ANGLES, MAP, POSITION, Drive, pose
+from helpers.profile_scanner import (
+    ANGLES,
+    MAP,
+    POSITION,
+    REPLAYED,
+    Drive,
+    Moving,
+    Recorded,
+    WithoutFirstPoses,
+    pose,
+    rejected,
+)
 from rclpy.expand_topic_name import expand_topic_name
 from scipy.spatial.transform import Rotation
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
+from helpers.drives import content
 from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
-from helpers.replays import check_answers, content, write_drive
+from helpers.replays import check_answers, write_drive
 from helpers.replays import cloud as sweep
 from helpers.streams import (
     BLOCK,

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.moving_sensor import Moving
 from helpers.nodes import Ros, flush, line, process
-from helpers.profile_scanner import SHOTS, Drive
+from helpers.profile_scanner import SHOTS, Drive, Moving
 from helpers.streams import BLOCK, HALO, expected_scores, points_at, random_times, stream
 
 from lidar_outlier_filter.core.points.points import SECOND

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.clouds import STAMP
+from helpers.drives import content
 from helpers.nodes import Ros, line, receive
 from helpers.replays import cloud as sweep
-from helpers.replays import content, write_drive
+from helpers.replays import write_drive
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.sor import detector as sor
