@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, can_draw
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, can_draw, show
 from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -131,8 +131,6 @@ def label_files(paths: list[Path]) -> list[Path]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_filter.disk.new_files import FOLDER, check_new
     from lidar_outlier_filter.evaluation.report import evaluate, tables
 
@@ -142,14 +140,11 @@ def _run(options: argparse.Namespace) -> int:
         check_new(options.output, FOLDER)
     points, codes = _read(options)
     result = evaluate(points, codes)
-    console = Console()
     for number, table in enumerate(tables(result)):
-        if number:
-            console.print()
-        console.print(table)
+        show(*[''] * bool(number), table)
     if options.output is not None:
         write(result, options.output, draw=draw)
-        console.print(f'written to {options.output}', markup=False, highlight=False, soft_wrap=True)
+        show(f'written to {options.output}')
     return DONE if draw else INCOMPLETE
 
 

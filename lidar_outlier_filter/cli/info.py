@@ -15,6 +15,7 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     say_unread,
+    show,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import refused_for
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from rich.console import Console
     from rich.table import Table
 
     from lidar_outlier_filter.cli.terminal import Commands
@@ -58,39 +58,33 @@ def add_info(commands: Commands) -> None:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_filter.archive.locations import SUFFIXES, location_of, path_at, staged
     from lidar_outlier_filter.errors import ParameterError
 
     if not 0 <= options.sample < math.inf:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
-    console = Console()
     path = path_at(options.path)
     if isinstance(path, Path) and not path.is_dir() and path.suffix.lower() not in SUFFIXES:
-        _show_file(console, path)
+        _show_file(path)
         return DONE
     from lidar_outlier_filter.recordings.info import look
 
     with staged(location_of(path)) as readable, stoppable_bar(path.name) as progress:
         info = look(readable, options.sample, progress)
-    _show(console, info)
+    _show(info)
     say_unread(info.unread)
     return INCOMPLETE if info.unread else DONE
 
 
-def _show(console: Console, info: RecordingInfo) -> None:
+def _show(info: RecordingInfo) -> None:
     """Print what is known of a recording: a table of all topics, one for each of clouds."""
     begin = ''
     if info.messages:
         begin = f', from {datetime.fromtimestamp(info.start * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC'
     text = f'{info.path}: {info.duration:,.1f} s{begin}, {_counted(info.messages, "message")}'
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-    console.print(_topics(info))
-    for topic, cloud in info.clouds.items():
-        console.print(_clouds(topic.name, cloud))
+    show(text, _topics(info), *(_clouds(topic.name, cloud) for topic, cloud in info.clouds.items()))
     if not info.clouds:
-        console.print('No topic has clouds.')
+        show('No topic has clouds.')
 
 
 def _topics(info: RecordingInfo) -> Table:
@@ -186,28 +180,25 @@ def _counted(number: int, name: str) -> str:
     return f'{number:,} {name}' if number == 1 else f'{number:,} {name}s'
 
 
-def _show_file(console: Console, path: Path) -> None:
+def _show_file(path: Path) -> None:
     """Print what is known of a file of points."""
     from rich.table import Table
 
     from lidar_outlier_filter.files.judged_file import describe_file
 
     info = describe_file(path)
-    text = f'{path}: {info.points:,} points, {path.stat().st_size:,} bytes'
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
     table = Table('column', 'type', 'least', 'largest')
     for column in table.columns[2:]:
         column.justify = 'right'
     for name, kind in info.columns.items():
         least, largest = info.extent.get(name, (math.nan, math.nan))
         table.add_row(name, kind, _plain(least), _plain(largest))
-    console.print(table)
-    for name, value in info.about.items():
-        console.print(f'{name}: {value}', markup=False, highlight=False, soft_wrap=True)
+    show(f'{path}: {info.points:,} points, {path.stat().st_size:,} bytes', table)
+    show(*(f'{name}: {value}' for name, value in info.about.items()))
     if info.rings:
-        console.print(f'{info.rings} rings recovered from elevation', highlight=False)
+        show(f'{info.rings} rings recovered from elevation')
     if info.method:
-        console.print(f'judged by {info.method}', highlight=False)
+        show(f'judged by {info.method}')
 
 
 def _plain(value: float) -> str:

@@ -26,6 +26,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
     say_unread,
+    show,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import RecordingError
@@ -124,11 +125,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _show(report: ReplayReport) -> None:
     """Print the table of a replay, and to stderr what is missing in its output."""
-    from rich.console import Console
-
-    console = Console()
-    console.print(_table(report))
-    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
+    show(_table(report), f'written to {report.output}')
     for topic in report.topics:
         if topic.refused:
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
@@ -224,19 +221,14 @@ def _mask(options: argparse.Namespace) -> int:
 
 def _show_mask(output: Path, found: LearntMask) -> None:
     """Print what was learnt, and how to use it."""
-    from rich.console import Console
-
     seen = found.mask.is_seen
     by = f'by {found.odometry}' if found.odometry else 'by the scene'
-    lines = [
+    show(
         f'{found.topic}: {found.taken} of {found.looks} turns from elsewhere ({by})',
         f'the vehicle is in {seen.mean() if seen.size else 0.0:.1%} of the directions'
         + (_ranges(found.mask) if seen.any() else ''),
         f'written to {output}; use it with --set mask={output}',
-    ]
-    console = Console()
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    )
     if found.refused:
         say(f'{found.refused} of its clouds were refused, and not learnt from')
 

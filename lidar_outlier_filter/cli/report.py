@@ -19,6 +19,7 @@ from lidar_outlier_filter.cli.terminal import (
     can_draw,
     read_parameters,
     say,
+    show,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError, RecordingError, refused_for
@@ -130,13 +131,7 @@ def _source(options: argparse.Namespace) -> tuple[Source, Codes]:
 
 
 def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
-    from rich.console import Console
-
-    console = Console()
-    for path in (output, figures):
-        if path is not None:
-            text = f'written to {path}'
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    show(*(f'written to {path}' for path in (output, figures) if path is not None))
     drawn, valid = len(found.points), found.all.points
     if drawn < valid:
         say(f'{drawn} of {valid} points are drawn (--points); all are counted')

@@ -48,6 +48,18 @@ def say(sentence: str) -> None:
     Console(stderr=True).print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 
+def show(*parts: object) -> None:
+    """Print lines, each as it is, and tables to stdout."""
+    from rich.console import Console
+
+    console = Console()
+    for part in parts:
+        if isinstance(part, str):
+            console.print(printable(part), markup=False, highlight=False, soft_wrap=True)
+        else:
+            console.print(part)
+
+
 def missing_module(err: ModuleNotFoundError) -> FilterError:
     """Say which extra brings a module that a command needs; raise again what is none of them."""
     module = (err.name or '').partition('.')[0]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -19,9 +18,8 @@ from helpers.hostile import FORMATS, whole_file
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.disk.new_files import LOCK, hidden_folder
-from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.clean import _scratch
-from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -170,17 +168,3 @@ def test_target_that_cannot_be_written(
     assert main(command) == 1
     sentence = capsys.readouterr().err.splitlines()[-1]
     assert sentence.startswith(f'the output {folder}/out must be written in full, got "')
-
-
-def test_target_that_vanishes(tmp_path: Path) -> None:
-    """Where the folder of the output goes away while it is written, one sentence says so."""
-    source, folder = write_recording('mcap', tmp_path), tmp_path / 'mounted'
-    folder.mkdir()
-
-    def vanish(done: int, _total: int) -> None:
-        if done == 5:
-            shutil.rmtree(folder)
-
-    with pytest.raises(RecordingError, match=r'the output .*out must be written in full, got "No'):
-        replay(source, folder / 'out', parameters={'chain': ('sor',)}, progress=vanish)
-    assert list(tmp_path.iterdir()) == [source]

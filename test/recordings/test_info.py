@@ -201,16 +201,6 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     assert info.extent['y'] == (7.0, 7.0)
 
 
-def test_damaged_file(tmp_path: Path, real_data: Path, capsys: Capture) -> None:
-    """What the library raises in the middle of the points is one sentence, too."""
-    path = tmp_path / 'damaged.laz'
-    data = bytearray((real_data / 'clouds' / 'plane.laz').read_bytes())
-    data[5000:20000] = b'\xff' * 15000
-    path.write_bytes(data)
-    assert main(['info', str(path)]) == 1
-    assert 'must be readable, got' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [

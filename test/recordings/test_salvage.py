@@ -26,7 +26,6 @@ from helpers.damaged import (
 )
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
@@ -107,28 +106,6 @@ def test_cut_off(drives: dict[str, Path], unbroken: Content, tmp_path: Path, kin
             assert report.lost.messages == lost
     assert counts == sorted(counts)
     assert counts or kind.startswith(('bag', 'folder', 'db3'))
-
-
-@pytest.mark.parametrize('kind', ['mcap', 'mcap zstd'])
-def test_whole_chunks_come_out(
-    drives: dict[str, Path], unbroken: Content, tmp_path: Path, kind: str
-) -> None:
-    """Of an MCAP file that was cut off, exactly the messages of its whole chunks come out."""
-    data = drives[kind].read_bytes()
-    with drives[kind].open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    path, output = tmp_path / 'drive.mcap', tmp_path / 'out'
-    for share in (0.3, 0.5, 0.7):
-        cut = int(share * len(data))
-        path.write_bytes(data[:cut])
-        chunks = summary.chunk_indexes
-        whole = 4 * sum(one.chunk_start_offset + one.chunk_length <= cut for one in chunks)
-        assert whole > 0
-        assert check(path, output, unbroken) is not None
-        found = content(output)
-        assert len(found['/lidar']) + len(found['/text']) == whole
-        shutil.rmtree(output)
 
 
 @pytest.mark.parametrize('has_summary', [True, False])
