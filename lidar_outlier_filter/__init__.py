@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.detectors.plugins import find_detectors
-from lidar_outlier_filter.parameters.installed import register
+from lidar_outlier_filter.parameters.filter import register
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.parameters.installed import BITS, MASKED, MASKED_REASON
+from lidar_outlier_filter.parameters.declaration import BITS, MASKED, MASKED_REASON
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

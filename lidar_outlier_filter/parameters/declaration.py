@@ -23,6 +23,9 @@ _SHORT.maxstring = _SHORT.maxother = 100
 _SHORT.maxlong = 500
 LARGEST = 2**63  # of ROS's whole numbers
 OFF = 'off'
+BITS = tuple(1 << n for n in range(14))  # that a detector may have
+MASK, MASKED = 'mask', 1 << 14  # of points on the own vehicle, which no detector sees
+MASKED_REASON = 255  # in outlier_reason
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 
@@ -180,3 +183,20 @@ def read_small(path: Path, largest: int) -> bytes:
         raise OSError(errno.EINVAL, 'not a regular file')
     with path.open('rb') as stream:
         return stream.read(largest + 1)
+
+
+@dataclass(frozen=True)
+class Installed:
+    """All detectors that were found.
+
+    Attributes
+    ----------
+    detectors : their declarations (:class:`.Detector`) by name, in the order of their bits
+    refused : why a declaration was refused, by the name of its entry point
+    default : the default chain
+
+    """
+
+    detectors: dict[str, Any]
+    refused: Mapping[str, ParameterError]
+    default: tuple[str, ...]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import (
     OFF,
+    Installed,
     Parameter,
     Section,
     declare,
@@ -25,11 +26,10 @@ from lidar_outlier_filter.parameters.declaration import (
     shown,
     walk,
 )
-from lidar_outlier_filter.parameters.installed import Installed, find
 from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Collection, Mapping
 
 OneSection = TypeVar('OneSection', bound=Section)
 
@@ -320,10 +320,21 @@ def _check_together(parameters: FilterParameters) -> None:
         raise ParameterError('max_delay', must_be, f'{parameters.max_delay:g} s')
 
 
+_finders: list[Callable[[Collection[str]], Installed]] = []
+
+
+def register(find: Callable[[Collection[str]], Installed]) -> None:
+    """Set the function that finds all detectors, given names that their sections cannot have.
+
+    The package does so: detectors belong to a room above this one.
+    """
+    _finders[:] = [find]
+
+
 @cache
 def installed() -> Installed:
     """Find the detectors that are installed, once in a process."""
-    return find([item.name for item in fields(FilterParameters)])
+    return _finders[0]([item.name for item in fields(FilterParameters)])
 
 
 @cache

@@ -20,8 +20,8 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.evaluation.confusion import curve
+from lidar_outlier_filter.parameters.declaration import MASK, MASKED
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.parameters.installed import MASK, MASKED
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
 from lidar_outlier_filter.report.chains import features
 from lidar_outlier_filter.report.colours import colour

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma, Sor
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines

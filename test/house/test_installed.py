@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats
-    from lidar_outlier_filter.parameters.installed import Installed
+    from lidar_outlier_filter.parameters.declaration import Installed
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128

@@ -216,8 +216,8 @@ DETECTORS = f'{PACKAGE}.core.detectors'
 
 
 def homes() -> dict[str, str]:
-    """Find the folder of each detector by the first part of its parameters' names."""
-    return {name: one.home for one in BUILTIN.values() for name in one.sections}
+    """Find the module or folder of each detector by the first part of its parameters' names."""
+    return {name: f'{DETECTORS}.{one.name}' for one in BUILTIN.values() for name in one.sections}
 
 
 def is_about(text: str, names: Iterable[str]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, read_yaml, table, write_yaml

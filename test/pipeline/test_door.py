@@ -15,13 +15,10 @@ from helpers.detectors import BITS
 
 import lidar_outlier_filter
 from lidar_outlier_filter import CloudFilter, detect_outliers
+from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.boosted_trees import methods as boosted_trees
-from lidar_outlier_filter.core.detectors.elevation import detector as elevation
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.lof import detector as lof
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.sor import detector as sor
 
 if TYPE_CHECKING:
     from collections.abc import Callable

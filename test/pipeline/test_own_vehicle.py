@@ -18,8 +18,8 @@ from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.declaration import MASKED, MASKED_REASON
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.installed import MASKED, MASKED_REASON
 
 if TYPE_CHECKING:
     from pathlib import Path

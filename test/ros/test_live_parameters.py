@@ -12,8 +12,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors.builtin import Quadric, Sor
 
 if TYPE_CHECKING:
     from pathlib import Path

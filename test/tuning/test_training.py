@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.labelled import POINT, write
 
-from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import Codes

@@ -19,7 +19,7 @@ import yaml
 from helpers.labelled import POINT, write
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.messages.truth import Cause

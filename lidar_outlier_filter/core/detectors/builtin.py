@@ -1,17 +1,253 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The detectors of this package."""
+"""The detectors of this package: their parameters, and what else is declared of each.
+
+Each score is computed in the module or folder of that name here, which is imported on first use.
+"""
 
 from __future__ import annotations
 
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
-from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
+from dataclasses import dataclass
+
 from lidar_outlier_filter.core.detectors.declaration import Detector
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
-from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import Section, declare
+
+
+@dataclass(frozen=True)
+class AlphaBetaGamma(Section):
+    """The moving fixed-interval α-β-γ smoother along each line segment."""
+
+    before: int = declare(3, 'Points of the window in front of the tested one.', '', 0, 1000)
+    after: int = declare(3, 'Points of the window behind the tested one.', '', 0, 1000)
+    order: int = declare(
+        1,
+        'Motion along the line: 2 with acceleration (α-β-γ), 1 without (α-β).',
+        '',
+        1,
+        2,
+    )
+    significance: float = declare(
+        1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
+    )
+    sides: str = declare(
+        'either',
+        'both: the window around the point decides (the paper); either: a point that agrees with '
+        'the window on one side is kept, so edges and corners stay.',
+        choices=('both', 'either'),
+    )
+    sigma: float = declare(
+        0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
+    )
+    sigma_floor: float = declare(
+        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+    )
+    passes: int = declare(
+        30, 'Most repetitions without the rejected; the last rejects all that is left.', '', 1, 1000
+    )
+    engine: str = declare(
+        'kernel',
+        'kernel: compiled; filterpy: a Kalman filter with RTS smoother, slow but auditable.',
+        choices=('kernel', 'filterpy'),
+    )
+
+    @property
+    def min_window(self) -> int:
+        """Fewest other points in a window: one more than the unknowns of the motion.
+
+        With as many as unknowns all points of a window would fail alike.
+        """
+        return self.order + 2
+
+    def check(self) -> None:
+        """Refuse windows that are too short."""
+        got = f'{self.before} and {self.after}'
+        if self.before + self.after < self.min_window:
+            must_be = f'together at least order + 2 = {self.min_window}'
+            raise ParameterError('alpha_beta_gamma.before and after', must_be, got)
+        if self.sides == 'either' and max(self.before, self.after) < self.min_window:
+            must_be = f'one of them at least order + 2 = {self.min_window}, with sides: either'
+            raise ParameterError('alpha_beta_gamma.before and after', must_be, got)
+
+
+@dataclass(frozen=True)
+class Quadric(Section):
+    """Quadric surfaces through the neighbourhood."""
+
+    window: str = declare(
+        'section',
+        'section: all points of a section of the cloud are tested against its surface; patch: each '
+        'point against that of its own neighbours, slow.',
+        choices=('section', 'patch'),
+    )
+    section: int = declare(
+        64, 'Most points that a section judges; those around it support them.', '', 16, 10_000
+    )
+    k: int = declare(30, 'Neighbours in the patch around each point.', '', 10, 1000)
+    significance: float = declare(
+        1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
+    )
+    surfaces: int = declare(
+        3, 'Most surfaces looked for in one window, under model: lowest.', '', 1, 10
+    )
+    model: str = declare(
+        'lowest',
+        'lowest: a plane or a paraboloid where it will do, of the half that agrees best; always: '
+        'all ten parameters, fitted to all points of the window, and one surface (the paper).',
+        choices=('lowest', 'always'),
+    )
+    sigma_floor: float = declare(
+        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+    )
+
+    @property
+    def list_length(self) -> int:
+        """Length of the neighbour lists that the windows need."""
+        return self.k if self.window == 'patch' else 1
+
+
+@dataclass(frozen=True)
+class Lof(Section):
+    """Local outlier factor: density against that of the neighbours."""
+
+    min_pts: int = declare(20, 'Neighbours that make the density; ties count too.', '', 1, 1000)
+    threshold: float = declare(
+        1.2, 'Rejected above this factor; lof2: above this difference.', '', 1e-6, 1e9
+    )
+    statistic: str = declare(
+        'lof',
+        'lof: the factor; lof2: its absolute difference from the median of all.',
+        choices=('lof', 'lof2'),
+    )
+
+
+@dataclass(frozen=True)
+class Sor(Section):
+    """Distance to the nearest neighbours."""
+
+    k: int = declare(20, 'Neighbours whose mean distance counts, the point left out.', '', 1, 1000)
+    statistic: str = declare(
+        'sor',
+        'sor: mean distance against mean + multiplier × standard deviation of all; sor2: its '
+        'absolute difference from the median against limit; radius: min_neighbors within radius.',
+        choices=('sor', 'sor2', 'radius'),
+    )
+    multiplier: float = declare(2.0, 'Standard deviations above the mean of all.', '', 0.0, 1000.0)
+    limit: float = declare(
+        0.1, 'Largest absolute difference from the median (sor2).', 'm', 1e-6, 1e6
+    )
+    radius: float = declare(
+        0.5, 'Radius in which min_neighbors others must be (radius).', 'm', 1e-6, 1e6
+    )
+    min_neighbors: int = declare(3, 'Fewest others within the radius (radius).', '', 1, 1000)
+    range_scaled: bool = declare(
+        default=False,
+        text='Let the limit grow with the distance from the origin: sor, sor2: the limit × '
+        'range_factor × range (DSOR); radius: at least range_factor × range (DROR).',
+    )
+    range_factor: float = declare(0.05, 'Growth of the limit with the range.', '1/m', 1e-9, 1e3)
+
+    @property
+    def list_length(self) -> int:
+        """Length of the neighbour lists that the statistic needs."""
+        return self.min_neighbors if self.statistic == 'radius' else self.k
+
+
+@dataclass(frozen=True)
+class Hierarchical(Section):
+    """Clusters that a graph falls into when its long edges are cut."""
+
+    global_confidence: float = declare(
+        0.99,
+        'Phase 1: edges of the spanning tree that are longer than this two-sided interval around '
+        'the median allows are cut.',
+        '',
+        0.0,
+        1.0 - 1e-9,
+    )
+    local_confidence: float = declare(
+        0.95,
+        'Phase 2: the same for the Gabriel graph of each cluster of phase 1.',
+        '',
+        0.0,
+        1.0 - 1e-9,
+    )
+    min_cluster: int = declare(
+        100,
+        'Fewest points of a cluster that is kept; fewer points altogether stay untested.',
+        '',
+        1,
+        1_000_000_000,
+    )
+
+
+@dataclass(frozen=True)
+class Elevation(Section):
+    """Elevation against the mean of the neighbours on the map, or against the ground."""
+
+    against: str = declare(
+        'neighbours',
+        'neighbours: their mean elevation (the paper); ground: a local ground surface.',
+        choices=('neighbours', 'ground'),
+    )
+    height: float = declare(
+        50.0, 'Height above the ground that a point may have, against: ground.', 'm', 1e-3, 1e6
+    )
+    depth_counts: float = declare(
+        50.0,
+        'Metres above the ground that one below it counts as: the depth allowed is height ÷ this.',
+        '',
+        1e-3,
+        1e6,
+    )
+    cell: float = declare(
+        2.0,
+        'Side of the cells whose lowest points make the ground; some points lie in each.',
+        'm',
+        1e-3,
+        1e4,
+    )
+    widest: float = declare(
+        40.0, 'Width of the widest that stands on the ground: a building, a crown.', 'm', 0.0, 1e4
+    )
+    k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
+    multiplier: float = declare(
+        3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0
+    )
+    sides: str = declare(
+        'both',
+        'Points that are rejected: low or high ones, or both; low is the formula of the paper.',
+        choices=('both', 'low', 'high'),
+    )
+    gap: float = declare(
+        5.0,
+        'Empty stretch of elevations that sets points above or below apart; 0: none does.',
+        'm',
+        0.0,
+        1e6,
+    )
+
+
+@dataclass(frozen=True)
+class BoostedTrees(Section):
+    """Gradient-boosted trees on the features of each point."""
+
+    sensor: str = declare(
+        'auto',
+        'Where the scan pattern comes from: spinning: rings; profile: one scan line after another; '
+        'auto: whichever fits; free: a scanner without rings, in its own frame, such as a Livox; '
+        'survey: none, points are compared with their nearest neighbours only.',
+        choices=('auto', 'profile', 'spinning', 'survey', 'free'),
+    )
+    threshold: float = declare(
+        1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
+    )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What it reads of a cloud besides points and times."""
+        return ('intensity', 'ring') if self.sensor in {'auto', 'spinning'} else ('intensity',)
+
 
 DEFAULT = 'boosted_trees'  # the chain
 # Detectors that explain their scores, each by an Explanation.
@@ -42,7 +278,7 @@ _EVERY = (
         name='lof',
         bit=4,
         section=Lof,
-        score=f'{__package__}.lof.detector:score',
+        score=f'{__package__}.lof:score',
         neighbours=lambda parameters: parameters.of(Lof).min_pts,
         large='files',
         rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
@@ -52,7 +288,7 @@ _EVERY = (
         name='sor',
         bit=8,
         section=Sor,
-        score=f'{__package__}.sor.detector:score',
+        score=f'{__package__}.sor:score',
         neighbours=lambda parameters: parameters.of(Sor).list_length,
         large='files',
         rejects='is too far from its nearest neighbours: statistical (`sor`, `sor2`), or by '
@@ -62,7 +298,7 @@ _EVERY = (
         name='hierarchical',
         bit=16,
         section=Hierarchical,
-        score=f'{__package__}.hierarchical.detector:score',
+        score=f'{__package__}.hierarchical:score',
         rejects='belongs to a cluster of fewer than `min_cluster` points: of the minimum spanning '
         'tree, then (bit 32768 beside it) of the Gabriel graphs, without their long edges; '
         '`min_cluster` ÷ score is the size of the cluster',
@@ -71,7 +307,7 @@ _EVERY = (
         name='elevation',
         bit=32,
         section=Elevation,
-        score=f'{__package__}.elevation.detector:score',
+        score=f'{__package__}.elevation:score',
         rejects='is set apart in elevation, or differs by more than 3 σ from its neighbours on the '
         'map, or is too far above or below the ground (airborne clouds, z up)',
     ),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The declaration of a detector: its name, bit, parameters, score, and what it needs of a cloud.
+"""The declaration of a detector: its name, bit, parameters, score, and how it explains that.
 
 Declarations are read wherever parameters are, so they import no kernel: ``score`` is named.
 """
@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Mapping
 
+    from lidar_outlier_filter.annotations import Bools, Singles
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.parameters.declaration import Section
@@ -75,6 +76,55 @@ class Detector:
         """The package of its parameters, or their module if that is not in a package."""
         module = self.section.__module__
         return module.rpartition('.')[0] or module
+
+
+class ReasonName(NamedTuple):
+    """What a number in ``outlier_reason`` means: a name, and a few words for people."""
+
+    name: str
+    text: str
+
+
+class Contributions(NamedTuple):
+    """What features add to the scores of M points.
+
+    Attributes
+    ----------
+    way : how they were judged, of ``Explanation.ways``
+    names : of the F features
+    added : (F, M) float32
+        To log-odds; to the score itself where the way is one of ``Explanation.of_score``.
+    average : (M,) float32
+        To what it is added.
+
+    """
+
+    way: str
+    names: tuple[str, ...]
+    added: Singles
+    average: Singles
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What explains the scores of a detector.
+
+    Attributes
+    ----------
+    reasons : what the numbers mean that it gives as ``Scores.reason``, from 1 to 255
+        They are none of those of other detectors, and never change their meaning.
+    ways : the ways in which it judges, for people; of each its features, with a few words
+    of_score : those whose features add up to the score; those of others add up to log-odds
+    choose : of what it sees, by which parameters: the way in which it will judge
+    explain : of what it saw, by which parameters, and of which points
+
+    """
+
+    reasons: Mapping[int, ReasonName]
+    ways: Mapping[str, Mapping[str, str]]
+    of_score: Collection[str]
+    choose: Callable[[DetectorInput, FilterParameters], str]
+    explain: Callable[[DetectorInput, FilterParameters, Bools], Contributions]
 
 
 def resolve(named: Any) -> Any:

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN, DEFAULT
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import Section, shown, walk
-from lidar_outlier_filter.parameters.installed import BITS, Installed
+from lidar_outlier_filter.parameters.declaration import BITS, Installed, Section, shown, walk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping

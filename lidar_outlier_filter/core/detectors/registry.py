@@ -9,17 +9,14 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
-from lidar_outlier_filter.core.detectors.declaration import resolve
-from lidar_outlier_filter.core.detectors.explanation import ReasonName
-from lidar_outlier_filter.parameters.declaration import OFF
+from lidar_outlier_filter.core.detectors.declaration import ReasonName, resolve
+from lidar_outlier_filter.parameters.declaration import MASK, MASKED, MASKED_REASON, OFF
 from lidar_outlier_filter.parameters.filter import installed
-from lidar_outlier_filter.parameters.installed import MASK, MASKED, MASKED_REASON
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.core.detectors.declaration import Detector
-    from lidar_outlier_filter.core.detectors.explanation import Explanation
+    from lidar_outlier_filter.core.detectors.declaration import Detector, Explanation
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # By name, in the order of their bits.

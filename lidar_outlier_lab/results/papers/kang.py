@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.elevation.detector import body, detect, differences
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors.builtin import Elevation
+from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.lines_picture import draw_lines

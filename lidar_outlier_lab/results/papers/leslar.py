@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table

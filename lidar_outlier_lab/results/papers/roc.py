@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.lof import detector as lof
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors import lof, sor
+from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.messages.truth import Cause

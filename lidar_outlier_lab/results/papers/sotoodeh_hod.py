@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.lof import detector as lof
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent

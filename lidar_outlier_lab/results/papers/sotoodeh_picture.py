@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.detector import (
+from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
+from lidar_outlier_filter.core.detectors.hierarchical import (
     components,
     limit,
     spanning_tree,
 )
-from lidar_outlier_filter.core.detectors.hierarchical.gabriel import gabriel_graph
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_lab.results.papers import panels
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats, Ints
-    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+    from lidar_outlier_filter.core.detectors.builtin import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
 AZIMUTH, ELEVATION = np.radians(-58.0), np.radians(16.0)  # from where it is seen

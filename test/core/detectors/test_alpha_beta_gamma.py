@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import residuals
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from naive import elevation as naive
 
-from lidar_outlier_filter.core.detectors.elevation import detector as elevation
-from lidar_outlier_filter.core.detectors.elevation import ground
-from lidar_outlier_filter.core.detectors.elevation.detector import body, detect
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors import elevation, ground
+from lidar_outlier_filter.core.detectors.builtin import Elevation
+from lidar_outlier_filter.core.detectors.elevation import body, detect
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:

@@ -12,16 +12,9 @@ from helpers.neighbour_clouds import CLOUDS, corner, rotation, scattered
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.elevation import detector as elevation
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
-from lidar_outlier_filter.core.detectors.lof import detector as lof
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, sor
+from lidar_outlier_filter.core.detectors.builtin import Elevation, Hierarchical, Lof, Quadric, Sor
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from naive import hierarchical as naive
 
-from lidar_outlier_filter.core.detectors.hierarchical import gabriel
-from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome, detect
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors import gabriel
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical import ClusterOutcome, detect
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 

@@ -14,8 +14,8 @@ from helpers.neighbour_clouds import (
 from naive import lof as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors.lof import detector as lof
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:

@@ -17,10 +17,8 @@ from helpers.neighbour_clouds import corner, scattered, sheet
 from rosbags.highlevel import AnyReader
 from sklearn.neighbors import LocalOutlierFactor
 
-from lidar_outlier_filter.core.detectors.lof import detector as lof
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors import lof, sor
+from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.messages.cloud import structured

@@ -13,9 +13,9 @@ from helpers.neighbour_clouds import CLOUDS, UTM, rotation
 from naive import quadric as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
-from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_steps import height
@@ -55,7 +55,7 @@ def rules(parameters: Quadric) -> naive.Rules:
     return naive.Rules(
         parameters.significance,
         parameters.sigma_floor,
-        MIN_POINTS,
+        quadric.MIN_POINTS,
         1 if parameters.model == 'always' else parameters.surfaces,
         parameters.model == 'always',
     )

@@ -12,8 +12,8 @@ from helpers.neighbour_clouds import CLOUDS
 from naive import sor as naive
 from numpy.testing import assert_allclose
 
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.builtin import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 

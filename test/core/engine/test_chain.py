@@ -14,8 +14,8 @@ import pytest
 from helpers import TESTS
 from helpers.detectors import BITS
 
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points

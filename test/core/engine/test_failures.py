@@ -28,8 +28,8 @@ from helpers.streams import (
 )
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.sor import detector as sor
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.builtin import Sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline

@@ -19,7 +19,7 @@ from helpers.replays import cloud as sweep
 from helpers.replays import write_drive
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.engine.slow import SlowDetector, watched
 from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import COUNT

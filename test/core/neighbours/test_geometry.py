@@ -13,8 +13,8 @@ import pytest
 from helpers.shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
 from naive import hierarchical as naive
 
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -15,7 +15,7 @@ from naive import pcl_lof as naive
 from numpy.testing import assert_allclose
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters

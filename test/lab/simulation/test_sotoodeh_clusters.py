@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers import sotoodeh_picture as hod_picture
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, simulate

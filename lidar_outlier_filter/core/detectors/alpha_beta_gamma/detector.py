@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     X,
     empty_series,
 )
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 
@@ -70,7 +70,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     ----------
     points : N points, sorted by line and time, all of them valid
     lines : their lines and segments
-    parameters : see :class:`~.alpha_beta_gamma.parameters.AlphaBetaGamma`
+    parameters : see :class:`~.builtin.AlphaBetaGamma`
 
     Returns
     -------
@@ -92,7 +92,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as smoother
     >>> from lidar_outlier_filter.core.points.points import Points
     >>> from lidar_outlier_filter.core.points.scan_lines import find_lines
-    >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+    >>> from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

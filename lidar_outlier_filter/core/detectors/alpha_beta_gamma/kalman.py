@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import Series
-    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 
 COORDINATES = 3
 

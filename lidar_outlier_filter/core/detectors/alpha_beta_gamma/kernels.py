@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 
     Sums = tuple[float, ...]
 

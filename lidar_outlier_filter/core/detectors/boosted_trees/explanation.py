@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     SURVEY_MODEL,
     load,
 )
-from lidar_outlier_filter.core.detectors.explanation import Contributions, Explanation, ReasonName
+from lidar_outlier_filter.core.detectors.declaration import Contributions, Explanation, ReasonName
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K, find_places

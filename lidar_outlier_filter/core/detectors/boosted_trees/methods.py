@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
+from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import fdtri, stdtrit
 
+from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric.kernels import Window, empty_window
-from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
@@ -43,6 +43,7 @@ MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
 ENOUGH = 1.5  # times the points of the core: what a window has at least
 SMALLEST = 2.0**-20  # of the largest extent of the cloud: the margin around a single place
 RIM = 3  # times the points of the largest core: the most on a rim; of more every so-manieth counts
+MIN_POINTS = 12  # of a surface
 FREEDOMS = 1000  # degrees of freedom in the tables; beyond, quantiles do not change
 
 
@@ -61,7 +62,7 @@ def detect(
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~.quadric.parameters.Quadric`
+    parameters : see :class:`~.builtin.Quadric`
     variance : (N,) float64, optional
         Variance of any coordinate of each point, m², finite and positive. Only their ratios count:
         σ̂0 is estimated in every window. None: equal weights.
@@ -85,7 +86,7 @@ def detect(
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.quadric import detector as quadric
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
+    >>> from lidar_outlier_filter.core.detectors.builtin import Quadric
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

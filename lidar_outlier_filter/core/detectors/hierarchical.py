@@ -47,8 +47,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.special import ndtri
 
-from lidar_outlier_filter.core.detectors.hierarchical.gabriel import Edges, gabriel_graph
-from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors.builtin import Hierarchical
+from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import find_places
@@ -98,7 +98,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres; fewer than ``min_cluster`` points stay untested
-    parameters : see :class:`~.hierarchical.parameters.Hierarchical`
+    parameters : see :class:`~.builtin.Hierarchical`
     threads : at most so many, 0 for all cores; the outcome does not depend on it
 
     Returns
@@ -119,8 +119,8 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-    >>> from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+    >>> from lidar_outlier_filter.core.detectors import hierarchical
+    >>> from lidar_outlier_filter.core.detectors.builtin import Hierarchical
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

@@ -42,9 +42,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.builtin import Sor
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
@@ -72,7 +72,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~.sor.parameters.Sor`
+    parameters : see :class:`~.builtin.Sor`
     range_m : (N,) float64, optional
         Distance of each point from the sensor, metres; ``range_scaled`` needs it.
 
@@ -102,9 +102,9 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.sor import detector as sor
+    >>> from lidar_outlier_filter.core.detectors import sor
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+    >>> from lidar_outlier_filter.core.detectors.builtin import Sor
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

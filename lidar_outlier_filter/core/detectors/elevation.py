@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
@@ -59,7 +59,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres, z up
-    parameters : see :class:`~.elevation.parameters.Elevation`
+    parameters : see :class:`~.builtin.Elevation`
     threads : at most so many, 0 for all cores; the scores do not depend on it
     on_map : whether neighbours are the nearest in x and y, as in the paper, or in x, y and z
 
@@ -88,8 +88,8 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.elevation import detector as elevation
-    >>> from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+    >>> from lidar_outlier_filter.core.detectors import elevation
+    >>> from lidar_outlier_filter.core.detectors.builtin import Elevation
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
@@ -127,7 +127,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
 def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
     """Score heights above the ground, and depths below it."""
     # SciPy's filters take a third of a second to import, and neighbours need none of them.
-    from lidar_outlier_filter.core.detectors.elevation.ground import (  # noqa: PLC0415
+    from lidar_outlier_filter.core.detectors.ground import (  # noqa: PLC0415
         count_cells,
         heights,
         most_cells,

@@ -31,8 +31,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
@@ -84,7 +84,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~.lof.parameters.Lof`
+    parameters : see :class:`~.builtin.Lof`
 
     Returns
     -------
@@ -106,9 +106,9 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.lof import detector as lof
+    >>> from lidar_outlier_filter.core.detectors import lof
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+    >>> from lidar_outlier_filter.core.detectors.builtin import Lof
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
