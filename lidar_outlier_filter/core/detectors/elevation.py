@@ -19,10 +19,25 @@ section 1 promises high ones too; it is ``sides: low``, its mirror image ``high`
 takes the absolute value. σ is at least 5 mm, so that on a flat floor roundings are no gross
 errors.
 
-``against: ground`` compares with a :mod:`.ground` surface instead, in metres.
-
 z must point up, and neighbours on the map be neighbours on a surface: made for airborne scans. On a
 facade, seen from above, all heights are neighbours.
+
+``against: ground`` compares with the ground under the cloud instead, in metres: a progressive
+morphological filter (Zhang et al. 2003).
+
+1. The lowest point of each cell of a grid. A cell without points lies on the straight line between
+   the nearest two of its row that have some, and beyond the last of them is as high as that. Rows
+   without points lie between the nearest two rows in the same way.
+2. Openings by squares of 3, 5, 9, 17 … cells, each of what the last one left, until a square is as
+   wide as the widest that stands on the ground.
+3. A cell that an opening of w cells lowers by more than ``RISE`` + ``SLOPE`` · (w - w before) ·
+   cell, at most ``MOST_RISE``, is no ground; for the first opening it is ``RISE``. The ground under
+   such cells is filled as in 1.
+
+An opening takes off what is higher than its surroundings, and keeps what is lower: the paper leaves
+low points to others. Here a cell of the ground that lies more than ``PIT`` below its closing by
+3 × 3 cells takes the height of that. So a low point, or a small group of them, does not pull the
+ground down. Not before the openings: under a dense canopy a cell with ground is a pit, too.
 """
 
 from __future__ import annotations
@@ -39,10 +54,15 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbou
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
+RISE, MOST_RISE = 0.3, 3.0  # metres
+PIT = 0.5  # metres
+SLOPE = 0.3  # of the ground, rise ÷ run
+MOST_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
+FREE_CELLS = 1 << 22
 CHUNK = 1 << 14  # points that a thread takes at once
 SHARE = 0.001  # most of the points that are taken off as set apart, on each side
 SIGMA_FLOOR_M = 0.005  # least standard deviation that an estimate may give
@@ -84,6 +104,9 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     .. [1] Kang, Huang and Yang (2018): A gross error elimination method for point cloud data based
        on kd-tree. ISPRS Archives XLII-3, 719-722.
        https://doi.org/10.5194/isprs-archives-XLII-3-719-2018
+    .. [2] Zhang, Chen, Whitman, Shyu, Yan and Zhang (2003): A progressive morphological filter for
+       removing nonground measurements from airborne LIDAR data. IEEE Transactions on Geoscience and
+       Remote Sensing 41(4), 872-882. https://doi.org/10.1109/TGRS.2003.810682
 
     Examples
     --------
@@ -98,54 +121,54 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     [77]
 
     """
-    score = np.full(len(xyz), np.nan)
     against_ground = parameters.against == 'ground'
     if len(xyz) <= (0 if against_ground else parameters.k):
-        return score
+        return np.full(len(xyz), np.nan)
     if not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
         got = xyz[~(np.abs(xyz) <= LARGEST)][0]
         raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
     if against_ground:
-        return _above_ground(xyz, parameters)
-    low, high = body(xyz[:, 2], parameters.gap)
-    beyond = np.maximum(low - xyz[:, 2], xyz[:, 2] - high)
-    apart = beyond > 0
-    score[apart] = beyond[apart] / parameters.gap
-    left = ~apart
+        return _against_ground(xyz, parameters)
+    return _against_neighbours(xyz, parameters, threads, on_map=on_map)
+
+
+def _against_neighbours(
+    xyz: Floats, parameters: Elevation, threads: int, *, on_map: bool
+) -> Floats:
+    """Go through steps 1 to 5."""
+    beyond = _beyond(xyz[:, 2], parameters.gap)
+    left = beyond <= 0
+    score = np.full(len(xyz), np.nan)
+    np.divide(beyond, parameters.gap, out=score, where=~left)
     if np.count_nonzero(left) <= parameters.k:
         return score
-    body_xyz = xyz[left] if apart.any() else xyz
+    body_xyz = xyz if left.all() else xyz[left]
     difference = differences(body_xyz, parameters.k, threads, on_map=on_map)
     sigma = max(SIGMA_FLOOR_M, float(np.std(difference, ddof=1)))
     off = (difference - np.mean(difference)) / (parameters.multiplier * sigma)
-    score[left] = np.abs(off) if parameters.sides == 'both' else off
-    if parameters.sides == 'high':
-        score[left] *= -1
+    score[left] = {'low': off, 'high': -off, 'both': np.abs(off)}[parameters.sides]
     return score
 
 
-def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
+def _against_ground(xyz: Floats, parameters: Elevation) -> Floats:
     """Score heights above the ground, and depths below it."""
-    # SciPy's filters take a third of a second to import, and neighbours need none of them.
-    from lidar_outlier_filter.core.detectors.ground import (  # noqa: PLC0415
-        count_cells,
-        heights,
-        most_cells,
-    )
-
+    cell, widest = parameters.cell, max(parameters.widest, parameters.cell)
     score = np.zeros(len(xyz))
-    if count_cells(xyz, parameters.cell) > most_cells(len(xyz)):
-        gap = max(parameters.widest, parameters.cell)
-        for axis in range(2):
-            low, high = body(xyz[:, axis], gap)
-            beyond = np.maximum(low - xyz[:, axis], xyz[:, axis] - high)
-            score = np.maximum(score, beyond / gap)
+    if _count_cells(xyz, cell) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
+        score = np.maximum(*(_beyond(xyz[:, axis], widest) for axis in range(2))) / widest
+        score = np.maximum(score, 0)
     near = score <= 0
-    height = heights(xyz[near], parameters.cell, parameters.widest)
+    height = heights(xyz[near], cell, parameters.widest)
     above, below = height, -parameters.depth_counts * height
     sides = {'high': above, 'low': below, 'both': np.maximum(above, below)}
     score[near] = sides[parameters.sides] / parameters.height
     return score
+
+
+def _beyond(values: Floats, gap: float) -> Floats:
+    """Return how far values are beyond those that are not set apart; 0 or less: not at all."""
+    low, high = body(values, gap)
+    return np.maximum(low - values, values - high)
 
 
 def body(elevation: Floats, gap: float) -> tuple[float, float]:
@@ -235,3 +258,83 @@ def _differences_of_lists(
         for j in range(offsets[i], offsets[i + 1]):
             total += elevation[near[j]] - elevation[which[i]]
         result[which[i]] = total / (offsets[i + 1] - offsets[i])
+
+
+# The ground ---------------------------------------------------------------------------------------
+
+
+def heights(xyz: Floats, cell: float, widest: float) -> Floats:
+    """Return how high N points are above the ground, metres; negative below it.
+
+    Between the centres of cells the ground is interpolated, along x and along y.
+
+    Raises
+    ------
+    FilterError
+        If the cloud is spread over more than 16 cells for a point.
+
+    """
+    # SciPy's filters take a third of a second to import, and neighbours need none of them.
+    from scipy import ndimage  # noqa: PLC0415
+
+    if _count_cells(xyz, cell) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
+        must_be = f'large enough for at most {MOST_CELLS} cells a point'
+        extent = ' × '.join(f'{side:g}' for side in np.ptp(xyz[:, :2], axis=0))
+        raise FilterError('elevation.cell', must_be, f'{cell:g} m for {extent} m')
+    at = (xyz[:, :2] - xyz[:, :2].min(axis=0)) / cell
+    shape = at.max(axis=0).astype(np.int64) + 1
+    ground = _surface(_lowest(at, xyz[:, 2], shape), cell, widest)
+    height: Floats = xyz[:, 2] - ndimage.map_coordinates(
+        ground, at.T - 0.5, order=1, mode='nearest'
+    )
+    return height
+
+
+def _count_cells(xyz: Floats, cell: float) -> float:
+    """Count the cells under a cloud, which may be more than there are integers."""
+    return float(np.prod(np.floor(np.ptp(xyz[:, :2], axis=0) / cell) + 1))
+
+
+def _lowest(at: Floats, z: Floats, shape: Ints) -> Floats:
+    """Return the lowest z of each cell; one without points is filled."""
+    grid = np.full(shape, np.inf)
+    index = at.astype(np.int64)
+    np.minimum.at(grid, (index[:, 0], index[:, 1]), z)
+    return _filled(grid, np.isfinite(grid))
+
+
+def _surface(grid: Floats, cell: float, widest: float) -> Floats:
+    """Return the ground of a grid of lowest points."""
+    from scipy import ndimage  # noqa: PLC0415  as above
+
+    ground, is_ground = grid, np.ones(grid.shape, np.bool_)
+    before = width = 3
+    while True:
+        opened = ndimage.grey_opening(ground, (width, width))
+        rise = min(RISE + SLOPE * (width - before) * cell, MOST_RISE)
+        is_ground &= ground - opened <= rise
+        ground = opened
+        if width * cell >= widest:
+            break
+        before, width = width, 2 * width - 1
+    ground = _filled(grid, is_ground)
+    closed = ndimage.grey_closing(ground, (3, 3))
+    return np.where(closed - ground > PIT, closed, ground)
+
+
+def _filled(grid: Floats, known: Bools) -> Floats:
+    """Fill the cells that are not known, along rows, and then rows of which none is known.
+
+    Of a grid without any known cell nothing changes.
+    """
+    rows = np.flatnonzero(known.any(axis=1))
+    if len(rows) == 0:
+        return grid
+    result = grid.copy()
+    columns = np.arange(grid.shape[1])
+    for row in rows[~known[rows].all(axis=1)]:
+        there = np.flatnonzero(known[row])
+        result[row] = np.interp(columns, there, grid[row, there])
+    for column in columns if len(rows) < len(grid) else ():
+        result[:, column] = np.interp(np.arange(len(grid)), rows, result[rows, column])
+    return result

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from naive import elevation as naive
 
-from lidar_outlier_filter.core.detectors import elevation, ground
+from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect
 from lidar_outlier_filter.errors import FilterError
@@ -178,7 +178,7 @@ def test_against_the_ground_equals_naive(seed: int, sides: str) -> None:
         expected = naive.ground_scores(
             xyz.tolist(),
             *(parameters.height, parameters.depth_counts, sides),
-            *(parameters.cell, parameters.widest, ground.SLOPE),
+            *(parameters.cell, parameters.widest, elevation.SLOPE),
         )
         np.testing.assert_allclose(detect(xyz, parameters), expected, rtol=1e-9, atol=1e-9)
 
