@@ -93,6 +93,8 @@ class Compiler:
                     self._take_over(wanted)
 
     def _take_over(self, parameters: FilterParameters) -> None:
+        if self.compiling and self._now is not None:
+            self._inform(f'{", ".join(parameters.chain)} takes over from the next block')
         self._wanted, self._now, self.compiling = None, parameters, ''
         self._ready(parameters)
 

@@ -147,6 +147,11 @@ class TunableNode(Node):  # type: ignore[misc]
         """Apply what passed; what ROS declares itself, as QoS, changes nothing here."""
         changed = self._changed(parameters)
         if changed != self._parameters_now:
+            before, after = self._parameters_now.flat(), changed.flat()
+            said = (
+                f'{name}: {_to_ros(after[name])}' for name in after if after[name] != before[name]
+            )
+            self.get_logger().info(f'parameters set: {", ".join(said)}')
             self._parameters_now = changed
             self._apply(changed)
 

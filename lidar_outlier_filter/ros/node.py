@@ -218,8 +218,7 @@ class OutlierFilterNode(TunableNode):
             channel.change(parameters)
         if self._is_started and not self._is_ready:
             self._is_ready = True
-            topics = [channel.resolved for channel in self.channels]
-            self.get_logger().info(ready_line(parameters, topics))
+            self.get_logger().info(ready_line(parameters, self.channels))
             for channel in self.channels:
                 channel.worker.kernels_are_ready()
 
@@ -228,6 +227,7 @@ class OutlierFilterNode(TunableNode):
             channel.enable(on=request.data)
         response.success = True
         response.message = 'filtering' if request.data else 'clouds pass unfiltered'
+        self.get_logger().info(f'enable: {response.message}')
         return response
 
 
@@ -357,11 +357,16 @@ def _executor(context: Context) -> Executor:
     return EventsExecutor(context=context)
 
 
-def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
-    """Say in one line what has started: version, inputs, chain, blocks, threads."""
+def ready_line(parameters: FilterParameters, channels: Iterable[Channel]) -> str:
+    """Describe the started node in one line: version, topics, chain, blocks, threads."""
     length = f' ({parameters.block:g} s)' if parameters.blocks != 'message' else ''
+    topics = ', '.join(
+        f'{channel.resolved} to {channel.publisher.cleaned.topic_name} and '
+        f'{channel.publisher.outliers.topic_name}'
+        for channel in channels
+    )
     return (
-        f'version {__version__} is ready: inputs {", ".join(topics)}; '
+        f'version {__version__} is ready: {topics}; '
         f'chain {", ".join(parameters.chain)}; blocks {parameters.blocks}{length}; '
         f'threads {parameters.threads or cores()}'
     )

@@ -7,7 +7,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.nodes import Ros, Sensor, flush, line, process, rejected, values
+from helpers.nodes import (
+    Ros,
+    Sensor,
+    flush,
+    line,
+    process,
+    rejected,
+    values,
+    wait_for_kernels,
+)
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -144,6 +153,19 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     assert ros.wait(result) == set(changed)
     answer = ros.call(Trigger, 'reset', Trigger.Request())
     assert (answer.success, answer.message) == (True, 'as at the start again: nothing to do')
+
+
+def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """Each change of parameters, and each change between filtering and passing, is one line."""
+    node = ros.filter(*SMOOTHER)
+    node.start()
+    wait_for_kernels(node)
+    capfd.readouterr()
+    assert ros.set(gap_factor=4.0) == ros.set(gap_factor=4.0) == ['']
+    ros.call(SetBool, 'enable', SetBool.Request(data=False))
+    said = capfd.readouterr().err
+    assert said.count('parameters set: gap_factor: 4.0\n') == 1
+    assert said.count('enable: clouds pass unfiltered\n') == 1
 
 
 def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -98,14 +98,16 @@ def test_says_once_that_it_is_ready(
     blocks: str,
     threads: str,
 ) -> None:
-    """One line at the start: version, inputs, chain, blocks, threads."""
+    """One line at the start: version, inputs, outputs, chain, blocks, threads."""
     names = {'inputs': ['left/points', '/right'], 'chain': ['alpha_beta_gamma', 'lof']}
     node = ros.filter('-r', '__ns:=/car', parameters=names | parameters)
     assert 'ready' not in capfd.readouterr().err
     node.start()
     wait_for_kernels(node)
     expected = (
-        f'version {__version__} is ready: inputs /car/left/points, /right; '
+        f'version {__version__} is ready: '
+        '/car/left/points to /car/left/points/cleaned and /car/left/points/outliers, '
+        '/right to /right/cleaned and /right/outliers; '
         f'chain alpha_beta_gamma, lof; {blocks}; threads {threads}\n'
     )
     said = capfd.readouterr().err
