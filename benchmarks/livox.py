@@ -39,7 +39,7 @@ from lidar_outlier_lab.training.train import Sweep
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 

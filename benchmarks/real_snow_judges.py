@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from real_snow_sweeps import Cloud
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
     from lidar_outlier_filter.files.judged_file import JudgedFile
 
 HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 
 SHOT_STEP, SHOT_TIME = 0.2, 55_560  # degrees and nanoseconds from shot to shot

@@ -30,7 +30,7 @@ from lidar_outlier_lab.results.samples import simulated
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
     from lidar_outlier_lab.results.samples import Sample
 
     Cloud = tuple[str, Floats, Bools]  # name, positions, which points are outliers

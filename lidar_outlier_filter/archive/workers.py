@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.core.kernels.threads import keep_memory
 from lidar_outlier_filter.errors import FilterError, SchedulerError
-from lidar_outlier_filter.pipeline.memory import keep_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -26,7 +26,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of the bootstrap

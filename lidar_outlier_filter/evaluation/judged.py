@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints, Rows
+    from lidar_outlier_filter.core.annotations import Ints, Rows
 
 SURFACE, OUTLIER = 'surface', 'outlier'
 INPUT = ''  # what follows the name of the topic for the input clouds

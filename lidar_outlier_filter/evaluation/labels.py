@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints
+    from lidar_outlier_filter.core.annotations import Ints
 
 MOST_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
 CLASSIFICATION, LABEL = 'classification', 'label'

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import DTypeLike, NDArray
 
-    from lidar_outlier_filter.annotations import Allocate, Progress
+    from lidar_outlier_filter.core.annotations import Allocate, Progress
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.files.judged_file import JudgedFile

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools
 
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000

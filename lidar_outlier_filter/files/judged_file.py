@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Allocate, Bools, Bytes, Progress
+    from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.files.cloud_file import CloudFile

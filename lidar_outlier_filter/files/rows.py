@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools
     from lidar_outlier_filter.files.cloud_file import Change
 
 _LONGEST_HEADER = 1_000_000  # bytes

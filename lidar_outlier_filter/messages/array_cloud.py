@@ -18,7 +18,7 @@ from lidar_outlier_filter.messages.cloud import DATATYPES, FORMATS, SCORE_FIELDS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Rows
+    from lidar_outlier_filter.core.annotations import Bools, Rows
     from lidar_outlier_filter.core.verdict import Verdict
 
 

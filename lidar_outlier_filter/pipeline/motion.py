@@ -20,7 +20,7 @@ from lidar_outlier_filter.pipeline.statistics import CountsByReason
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 

@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.node import HealthLimits
 

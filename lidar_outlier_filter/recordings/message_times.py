@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from lidar_outlier_filter.annotations import Ints
+    from lidar_outlier_filter.core.annotations import Ints
 
 LATEST = 2**63 - 1  # ns
 GAP = 2.0  # median distances: messages are missing in a longer one

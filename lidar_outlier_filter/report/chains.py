@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
     from lidar_outlier_filter.core.detectors.declaration import Detector
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud

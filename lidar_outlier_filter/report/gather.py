@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Bytes, Ints, Progress, Rows
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Ints, Progress, Rows
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts

@@ -21,7 +21,7 @@ from lidar_outlier_filter.report.sources import saved_columns
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Rows, Words
+    from lidar_outlier_filter.core.annotations import Floats, Rows, Words
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 
 KEPT_SECONDS = 5.0  # of sensor time

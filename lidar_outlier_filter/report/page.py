@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.report.gather import Gathered
     from lidar_outlier_filter.report.sources import SourceFacts
     from lidar_outlier_filter.report.steps import Counts, Slider

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints, Rows, Singles, Words
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Rows, Singles, Words
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bytes, Ints
+    from lidar_outlier_filter.core.annotations import Bytes, Ints
     from lidar_outlier_filter.core.engine.chain import Chain
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud

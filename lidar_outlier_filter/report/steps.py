@@ -16,7 +16,7 @@ from lidar_outlier_filter.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.sources import ReportCloud
 

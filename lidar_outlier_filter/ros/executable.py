@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.core.kernels.threads import keep_memory
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.pipeline.memory import keep_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

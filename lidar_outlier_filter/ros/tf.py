@@ -25,7 +25,7 @@ from lidar_outlier_filter.pipeline.statistics import CountsByReason
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.pipeline.motion import PoseSource
 

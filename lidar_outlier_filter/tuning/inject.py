@@ -22,7 +22,7 @@ from lidar_outlier_filter.messages.truth import Cause
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints
+    from lidar_outlier_filter.core.annotations import Ints
     from lidar_outlier_filter.evaluation.confusion import Interval
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Progress
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress
     from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.tuning.search_space import Search, Values

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.core.annotations import Progress
 
     # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.
     WriteSection = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]

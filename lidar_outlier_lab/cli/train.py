@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 

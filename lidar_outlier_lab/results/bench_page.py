@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
 MOST_CORES = 2

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_lab.results.contestants import Contestant
     from lidar_outlier_lab.results.samples import Sample
 

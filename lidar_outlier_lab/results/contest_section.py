@@ -22,7 +22,7 @@ from lidar_outlier_lab.results.markdown import paragraphs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_lab.results.contest import Record, Standings
     from lidar_outlier_lab.results.contestants import Contestant
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Reals
+    from lidar_outlier_filter.core.annotations import Bools, Reals
     from lidar_outlier_lab.results.samples import Sample
 
     Judge = Callable[[NDArray[np.float64]], 'Judgement']

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.console import Console
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools
     from lidar_outlier_filter.evaluation.report import Evaluation
     from lidar_outlier_lab.simulation.world.drive import Drive
     from lidar_outlier_lab.simulation.world.recording import Truth

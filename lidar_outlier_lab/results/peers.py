@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 
 def has_open3d() -> bool:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
     Panel = Callable[[Axes, Floats, Floats, Bools | None, list[tuple[Bools, str]]], str]
 

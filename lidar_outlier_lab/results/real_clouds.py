@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_lab.results.contestants import Contestant, Ours
 
 NOISE = Codes(frozenset({7, 18, 65}))  # LAS: low noise, high noise, IGN's artefacts

@@ -14,7 +14,7 @@ from lidar_outlier_lab.training.learner import learn
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_lab.training.learner import Drawn
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Singles
 
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather

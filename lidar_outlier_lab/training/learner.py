@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Singles
+    from lidar_outlier_filter.core.annotations import Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
     Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra

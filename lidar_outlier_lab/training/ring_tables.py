@@ -16,7 +16,7 @@ from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 TURN_NS = 100_000_000  # ten turns a second

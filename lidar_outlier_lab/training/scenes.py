@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats, Progress, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Progress, Singles
     from lidar_outlier_lab.simulation.weather.beams import Beams
     from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner

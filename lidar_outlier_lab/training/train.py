@@ -49,7 +49,7 @@ from lidar_outlier_lab.training.learner import (
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from lidar_outlier_filter.annotations import Bools, Progress, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Progress, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints, Progress, Singles
+    from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
     from lidar_outlier_lab.simulation.world.drive import Drive

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints, Progress, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Progress, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_filter.core.neighbours.floor import Floor
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene

@@ -21,7 +21,7 @@ from lidar_outlier_filter.evaluation.confusion import (
 )
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Reals
+    from lidar_outlier_filter.core.annotations import Reals
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 SECOND = 1_000_000_000
 STAMP = 1_700_000_000 * SECOND  # nanoseconds

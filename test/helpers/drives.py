@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 PERIOD = SECOND // 10  # between two clouds
 BEGIN = 1_750_000_000 * SECOND

@@ -11,7 +11,7 @@ import numpy as np
 from helpers.clouds import SECOND, STAMP
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 RINGS, COLUMNS = 16, 360
 ROW = np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4'), ('ring', 'u2'), ('own', 'u1')])

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 PERIOD = 5_000_000  # nanoseconds of a line

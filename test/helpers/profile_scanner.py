@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 MAP = np.array([4e5, 5e6, 100.0])  # where the street is
 LINES, SHOTS = 100, 720  # a second; a line

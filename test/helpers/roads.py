@@ -11,7 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.points.points import Points
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 
 def points_of(xyz: Floats, t: Any, line: Any) -> Points:

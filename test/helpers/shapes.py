@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.points.points import Points
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
     Rng = np.random.Generator
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
     Lay = Callable[[Rows, int, SpinningScanner], bytes]  # points, nanoseconds of the first shot
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
     Rng = np.random.Generator
     Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each

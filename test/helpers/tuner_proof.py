@@ -17,7 +17,7 @@ from lidar_outlier_filter.tuning.search_space import searches
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.training import Training
 

@@ -49,7 +49,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.parameters.declaration import Installed
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']

@@ -25,7 +25,7 @@ PACKAGE, LAB = 'lidar_outlier_filter', 'lidar_outlier_lab'
 # From the ground up: a room may use those before it, and nothing behind it. The laboratory, whose
 # rooms begin with `lab.`, may use the product, and the product nothing of it.
 FLOORS = (
-    ('errors', 'annotations'),
+    ('errors',),
     ('parameters', 'disk'),
     ('core',),
     ('messages',),
@@ -42,7 +42,6 @@ ROOMS = tuple(room for floor in FLOORS for room in floor)
 MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
 OUTSIDE = {
     'errors': (),
-    'annotations': ('numpy',),
     'parameters': ('numpy', 'yaml'),
     'disk': ('numpy',),
     'core': ('filterpy', 'numba', 'numpy', 'scipy'),
@@ -113,7 +112,7 @@ def used(module: Module) -> set[str]:
 
 
 def test_every_module_has_a_room() -> None:
-    """Only the door, the errors and the types of annotations lie at the entrance."""
+    """Only the door and the errors lie at the entrance."""
     assert {module.room for module in modules().values()} - {''} == set(ROOMS)
 
 
@@ -199,7 +198,7 @@ def type_aliases(module: Module) -> Iterator[tuple[str, str]]:
 
 
 def test_no_alias_of_a_type_twice() -> None:
-    """A name of a type means one thing; those of arrays are in ``annotations``."""
+    """A name of a type means one thing; those of arrays are in ``core.annotations``."""
     found = defaultdict(list)
     for module in modules().values():
         classes = (node.name for node in definitions(module) if isinstance(node, ast.ClassDef))
@@ -208,7 +207,7 @@ def test_no_alias_of_a_type_twice() -> None:
         for name, meaning in type_aliases(module):
             found[name].append(module.name)
             if meaning.startswith('NDArray['):
-                found[name].append(f'{PACKAGE}.annotations')
+                found[name].append(f'{PACKAGE}.core.annotations')
     assert not {name: where for name, where in found.items() if len(where) > 1}
 
 

@@ -21,7 +21,7 @@ from lidar_outlier_filter.pipeline.pipeline import Pipeline
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
     from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}

@@ -30,7 +30,7 @@ from lidar_outlier_filter.messages.cloud import first_numbers, split, structured
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.annotations import Floats, Rows
+    from lidar_outlier_filter.core.annotations import Floats, Rows
 
 # Recorded clouds carry them: they never change.
 BITS = {

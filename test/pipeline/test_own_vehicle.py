@@ -24,7 +24,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 CHAINS = [['boosted_trees'], ['sor'], ['sor', 'lof'], ['alpha_beta_gamma']]
 

@@ -24,7 +24,7 @@ from lidar_outlier_filter.pipeline.visibility import (
 )
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 LIMITS = HealthLimits()
 WEAKEST = 1.2e-5  # echo that is detected, as reflectance ÷ m²

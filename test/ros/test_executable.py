@@ -211,7 +211,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 def test_memory_is_kept_for_the_next_cloud() -> None:
     """What a large array has used is not asked of the system again."""
     script = (
-        'import resource; from lidar_outlier_filter.pipeline.memory import keep_memory\n'
+        'import resource; from lidar_outlier_filter.core.kernels.threads import keep_memory\n'
         'def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n'
         'def use(): bytearray(40_000_000)\n'
         'keep_memory(); use(); before = faults(); use(); print(faults() - before)\n'

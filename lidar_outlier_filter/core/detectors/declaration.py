@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from lidar_outlier_filter.annotations import Bools, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Singles
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.parameters.declaration import Section

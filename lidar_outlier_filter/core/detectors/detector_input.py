@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Allocate
+    from lidar_outlier_filter.core.annotations import Allocate
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.points.scan_lines import Lines
     from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.neighbours.tree_walks import squared
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 CHUNK = 4096  # points that a thread takes at once

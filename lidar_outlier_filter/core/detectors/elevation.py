@@ -54,7 +54,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbou
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood, Tree
 
 CHUNK = 2048  # points that a thread takes at once

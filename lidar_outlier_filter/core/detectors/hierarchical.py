@@ -56,7 +56,7 @@ from lidar_outlier_filter.core.neighbours.places import find_places
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 @dataclass(frozen=True)

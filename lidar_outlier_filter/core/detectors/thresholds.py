@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Reals
+    from lidar_outlier_filter.core.annotations import Reals
     from lidar_outlier_filter.core.detectors.declaration import Detector
     from lidar_outlier_filter.parameters.declaration import Parameter
     from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -18,7 +18,7 @@ from lidar_outlier_filter.errors import CloudError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 HALO = 0.1  # of the side of a tile: its neighbours on the grid hold all of it

@@ -21,7 +21,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Allocate
+    from lidar_outlier_filter.core.annotations import Allocate
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -14,7 +14,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
     Vector = tuple[float, float, float, float]  # and its squared length
 

@@ -11,7 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 SWEEPS = 40  # of Jacobi rotations; ten are plenty
 NEGLIGIBLE = 1e-31  # of the squares of a diagonal: what is beside it is below its rounding

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints, Singles
+    from lidar_outlier_filter.core.annotations import Ints, Singles
 
 LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
 

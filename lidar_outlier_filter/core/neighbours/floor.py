@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, sele
 from lidar_outlier_filter.core.neighbours.places import in_parts, typical_scale
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 
 SIDE = 2.0  # of a column, typical distances
 WIDER = 5  # columns to the side of a wide one

@@ -16,7 +16,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Allocate, Bools, Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Allocate, Bools, Floats, Index, Ints
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 

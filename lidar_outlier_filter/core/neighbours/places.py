@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 K = 8  # neighbours
 LEAST = 1e-6  # metres that are added to scales, which may be 0

@@ -15,7 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 STROKE = 16  # distances are padded with inf to a multiple of it: loops without a remainder
 SURPLUS = 12  # distances that may be sorted although they are not among the k smallest

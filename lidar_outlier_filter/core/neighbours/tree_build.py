@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, medi
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Allocate, Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Allocate, Floats, Index, Ints
 
 LEAF = 24  # points
 SUBTREE = 1 << 15  # points that are sorted at one go, by one thread in its own cache

@@ -31,7 +31,7 @@ from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, make_buffers, push, seen
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
     from lidar_outlier_filter.core.neighbours.tree_steps import Bounds, Buffers
 

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
     Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner

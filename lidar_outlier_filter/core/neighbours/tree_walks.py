@@ -12,7 +12,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 

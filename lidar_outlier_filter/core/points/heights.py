@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 EACH = 32.0  # kept points of a cell on the map, about
 CHUNK = 1_000_000  # points in memory at once

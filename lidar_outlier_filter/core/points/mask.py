@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.declaration import OFF, read_small
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

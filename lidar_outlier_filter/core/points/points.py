@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Allocate
+    from lidar_outlier_filter.core.annotations import Allocate
 
 SECOND = 1_000_000_000  # nanoseconds
 # Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What

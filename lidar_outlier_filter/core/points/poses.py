@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Triple
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
 
 KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
 MOST_KEPT = 200_000

@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.points.scan_lines import (
 )
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 SAMPLES = 64  # points of a ring that show where the sensor was

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 
 
 MOST_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line

@@ -37,7 +37,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.points.points import Points
 
 FEWEST_LINES = 2

@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 SAMPLES = 64  # returns of a line that show where the scanner is
 FEWEST = 32  # returns of a line, fewer show nothing

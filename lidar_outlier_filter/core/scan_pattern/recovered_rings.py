@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.scan_pattern.scan_pattern import FEWEST, TURN, ar
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 # The origin of the beams: lenses sit beside the axis, and frames begin below them, so near points

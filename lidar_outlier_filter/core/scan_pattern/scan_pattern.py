@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 )
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.points.points import Points
 
 # Brightness is intensity ÷ the median of the same points at about the same range, because makers

@@ -17,7 +17,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools
     from lidar_outlier_lab.results.samples import Sample
 
 

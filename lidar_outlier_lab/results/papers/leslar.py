@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
 
     Table = Mapping[str, Sequence[Counted]]  # by the name of a form; of A, B and C
 

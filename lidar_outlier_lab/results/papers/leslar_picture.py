@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
     from lidar_outlier_lab.results.samples import Sample
 
 

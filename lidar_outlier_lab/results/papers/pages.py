@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
 
     # Presets that may be simulated, a seed, where pictures go; returns what stands on the page.
     Page = Callable[[Sequence[str], int, Path, Progress], str]

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index
+    from lidar_outlier_filter.core.annotations import Floats, Index
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats, Progress
+    from lidar_outlier_filter.core.annotations import Floats, Progress
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_lab.results.papers.roc import AtBest
 

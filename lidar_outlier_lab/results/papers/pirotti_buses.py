@@ -26,7 +26,7 @@ from lidar_outlier_lab.simulation.papers import bus_tracks
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Bytes, Floats
+    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 OFF = 'off the line'
 

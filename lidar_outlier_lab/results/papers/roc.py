@@ -18,7 +18,7 @@ from lidar_outlier_filter.messages.truth import Cause
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.annotations import Bools, Bytes, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats
 
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 

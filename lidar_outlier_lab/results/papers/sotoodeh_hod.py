@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.core.annotations import Progress
 
 PAPER = Hierarchical()  # 99 % and 95 %, 100 points: the paper's, the last for its scans only
 LEAST = (10, 20, 50, 100, 150)  # points of a cluster that stays

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats, Ints, Progress
+    from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
     from lidar_outlier_filter.evaluation.confusion import Confusion
 
 

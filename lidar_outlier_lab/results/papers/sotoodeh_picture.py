@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.builtin import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 GOOD, STRAY, CLUSTERS, NEAR_STRAY, NEAR_CLUSTER = 572, 36, (13, 13, 13), 4, 5
 FAR = (0.8, np.inf)  # metres from the nearest good point

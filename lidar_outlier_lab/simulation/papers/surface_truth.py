@@ -21,7 +21,7 @@ from lidar_outlier_lab.simulation.world.landscape import Plants
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_lab.simulation.world.landscape import Landscape
 
 

@@ -18,7 +18,7 @@ from lidar_outlier_lab.simulation.world.surfaces import BarrierArm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_lab.simulation.world.scene import Air, Rays
 
 

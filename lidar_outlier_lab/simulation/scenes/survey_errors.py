@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from lidar_outlier_filter.messages.truth import Cause
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bytes, Floats
+    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 NEIGHBOUR = 8  # whose distance is the spacing
 OFF = (2.5, 1000.0)  # spacings that a point is moved off

@@ -24,7 +24,7 @@ from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Bytes, Floats
+    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 STREAM = 2309  # of random numbers, which no preset uses
 MOST = 80_000  # good points of a scene, about

@@ -14,7 +14,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 

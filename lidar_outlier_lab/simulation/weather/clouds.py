@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.messages.decoder import Convention
     from lidar_outlier_filter.parameters.filter import FilterParameters

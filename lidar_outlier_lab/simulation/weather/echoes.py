@@ -14,7 +14,7 @@ from lidar_outlier_lab.simulation.weather.drops import power
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams
 
 

@@ -23,7 +23,7 @@ from lidar_outlier_lab.simulation.weather.brightness import TYPICAL, Brightness
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.messages.decoder import Convention
 

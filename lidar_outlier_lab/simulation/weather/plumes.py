@@ -25,7 +25,7 @@ from scipy.ndimage import map_coordinates, uniform_filter1d
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
 

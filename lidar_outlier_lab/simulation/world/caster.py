@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
     Hit = tuple[float, float, int]
 

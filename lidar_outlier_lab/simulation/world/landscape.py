@@ -15,7 +15,7 @@ from lidar_outlier_filter.messages.truth import Kind
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bytes, Floats
+    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
     Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
 

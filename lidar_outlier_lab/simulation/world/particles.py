@@ -16,7 +16,7 @@ from lidar_outlier_lab.simulation.weather.drops import REACH, STEPS, hazard, pow
 from lidar_outlier_lab.simulation.world.scene import towards
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Optics
     from lidar_outlier_lab.simulation.weather.drops import Precipitation
     from lidar_outlier_lab.simulation.world.scene import Rays

@@ -21,7 +21,7 @@ from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH, LaserScanne
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 MINUTE = 60.0  # seconds
 

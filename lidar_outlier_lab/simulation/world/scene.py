@@ -21,7 +21,7 @@ from lidar_outlier_lab.simulation.world import caster
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 BUNDLE_REACH = 0.1  # metres that the rays of a bundle stay within of its centre

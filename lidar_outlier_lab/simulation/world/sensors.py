@@ -17,7 +17,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_lab.simulation.world.scene import Hits
 
 

@@ -16,7 +16,7 @@ from lidar_outlier_lab.simulation.world import caster
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Floats, Triple
+    from lidar_outlier_filter.core.annotations import Floats, Triple
 
     Point = Triple | Floats
 

@@ -14,7 +14,7 @@ import numpy as np
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 STEP = 0.001  # seconds: grid on which speeds are summed up to positions

@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_lin
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 GAP = 1.5
 SHOT = 10_000  # nanoseconds

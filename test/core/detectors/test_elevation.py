@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.detectors.elevation import body, detect
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 SIDES = ('both', 'low', 'high')
 

@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
     Cloud = Callable[[np.random.Generator], Floats]
 

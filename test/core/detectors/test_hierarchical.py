@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
 

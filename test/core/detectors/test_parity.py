@@ -26,7 +26,7 @@ from lidar_outlier_filter.messages.cloud import structured
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 def first_sweep(path: Path) -> Floats:

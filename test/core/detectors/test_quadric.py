@@ -23,7 +23,7 @@ from lidar_outlier_filter.core.neighbours.tree_steps import height
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
 
     Shape = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import DTypeLike, NDArray
 
-    from lidar_outlier_filter.annotations import Allocate, Floats
+    from lidar_outlier_filter.core.annotations import Allocate, Floats
 
 COUNT = 1500
 RADIUS = {'sor.statistic': 'radius', 'sor.radius': 0.02}

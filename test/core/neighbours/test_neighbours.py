@@ -25,7 +25,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 from lidar_outlier_filter.core.neighbours import smallest
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 
 def some(kind: str, count: int, rng: np.random.Generator) -> Floats:

@@ -26,7 +26,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
 
 
 def points_of(rows: Rows) -> Points:

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import HEIGHTS, in_bands
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 FREE = {'boosted_trees.sensor': 'free'}
 

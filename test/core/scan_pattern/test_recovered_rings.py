@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 HELIOS = 'helios_1691141763462381376.pcd'
 TABLES = ('Pandar40P.csv', 'Pandar64.csv', 'PandarQT128.csv', 'Pandar128E4X.csv', 'VLP32.yaml')

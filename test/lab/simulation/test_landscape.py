@@ -13,7 +13,7 @@ from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 STEP = 0.002  # metres that the slow twin goes at a time
 

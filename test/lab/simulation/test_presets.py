@@ -26,7 +26,7 @@ from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
     from lidar_outlier_lab.simulation.world.recording import Cloud
 
 SMALL = 'sotoodeh-hod'

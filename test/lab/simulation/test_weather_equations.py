@@ -18,7 +18,7 @@ from lidar_outlier_lab.simulation.weather import drops, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 # The receiver sees all of a beam, which is 1 cm wide everywhere, and almost no light suffices.
 NARROW = Optics(divergence=0.0, aperture=0.01, nearest=1.0, farthest=1e6, blind=1e-6)

@@ -31,7 +31,7 @@ from lidar_outlier_lab.simulation.world.recording import to_message
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.core.annotations import Rows
     from lidar_outlier_filter.core.points.points import Points
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -38,7 +38,7 @@ from lidar_outlier_filter.errors import FilterError, ParameterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import Series
     from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 

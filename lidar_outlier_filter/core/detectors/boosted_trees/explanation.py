@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.neighbours.places import K, find_places
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import TreeModel, Trees
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput

@@ -34,7 +34,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.near_features import Near
 
 MOST, SOME = 60, 20  # neighbours

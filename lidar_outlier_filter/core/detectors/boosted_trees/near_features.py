@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.neighbours.floor import write_depth
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 FEW = 3  # of them

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.kernels.lanes import sort_signed
 from lidar_outlier_filter.core.neighbours.places import LEAST
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
 
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
 EVEN = 0.02  # of s: heights differ so much on any surface

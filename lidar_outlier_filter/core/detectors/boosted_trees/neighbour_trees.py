@@ -36,7 +36,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K, find_copies, numbers
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Allocate, Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once

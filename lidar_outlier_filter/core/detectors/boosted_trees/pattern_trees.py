@@ -47,7 +47,7 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_b
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Singles
     from lidar_outlier_filter.core.points.points import Points
 
 UNSORTED = 0.8  # share of the steps along rings that go the way the head turns, at least

@@ -23,7 +23,7 @@ from lidar_outlier_filter.core.kernels.lanes import fill, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
 MORE = len(PROFILE)

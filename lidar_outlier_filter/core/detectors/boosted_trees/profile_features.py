@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kern
 from lidar_outlier_filter.core.kernels.lanes import network, sort
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Ints, Singles
+    from lidar_outlier_filter.core.annotations import Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import (
         PatternWindow,
         Prepared,

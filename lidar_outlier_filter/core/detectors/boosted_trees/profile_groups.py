@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 GROUPS = tuple(name for name in PROFILE if name.startswith('group'))

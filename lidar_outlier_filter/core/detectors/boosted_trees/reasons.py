@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.kernels.kernels import kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Bytes, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstPass
     from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 

@@ -18,7 +18,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Singles
+    from lidar_outlier_filter.core.annotations import Singles
 
 VERSION = 1
 PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, lines_at_once
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints, Single, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Single, Singles
 
 OWN, OTHER = 5, 3  # returns on either side: in the point's ring, and in those beside it
 RINGS = 2  # rings above, and below

@@ -40,7 +40,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Single, Singles
+    from lidar_outlier_filter.core.annotations import Single, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 

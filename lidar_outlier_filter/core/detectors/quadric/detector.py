@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.neighbours.tree_build import Tree

@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, select
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
 
 CONCENTRATIONS = 2  # refits to the half that agrees best
 CURVED = 0.25  # residual over the radius at which a quadric bends; above (20) is no approximation

@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.points.points import Points, is_return
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
