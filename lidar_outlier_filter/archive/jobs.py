@@ -214,7 +214,7 @@ def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Ma
         inspect=lambda judged: found.append(job.inspect(judged)),
         make=hidden,
     )
-    return Made(count_file(report), report.as_log(), report, found[0])
+    return Made(count_file(report), asdict(report), report, found[0])
 
 
 def count_file(report: CleanReport) -> dict[str, Any]:

@@ -29,9 +29,8 @@ from lidar_outlier_filter.archive.storage import (
     remove,
     write,
 )
-from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all
+from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all, writable
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.remote_path import reached, written
 
 if TYPE_CHECKING:

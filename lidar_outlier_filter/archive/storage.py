@@ -10,8 +10,7 @@ from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.disk.new_files import publish
-from lidar_outlier_filter.recordings.bags import writable
+from lidar_outlier_filter.disk.new_files import publish, writable
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
 if TYPE_CHECKING:

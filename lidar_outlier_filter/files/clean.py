@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from itertools import count
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +21,8 @@ import numpy as np
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.verdict import EXTRA
-from lidar_outlier_filter.disk.new_files import hidden_folder, new_files
-from lidar_outlier_filter.errors import CloudError, ParameterError, said_by
+from lidar_outlier_filter.disk.new_files import new_files, writable
+from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.judged_file import (
@@ -74,7 +74,7 @@ class CleanReport:
     invalid : points that are no returns (NaN, Inf, all 0)
     ignored : points of ignored classes
     untested : points that no detector could test
-    extra : rejected points that detectors say more of, by what they say
+    second_phase : points that the second phase of a detector marks
     spared : points that would be rejected, but are of classes that stay as they are
     by_class : points and rejected points of each class
     low, high : rejected points below and above the kept points around them
@@ -100,7 +100,7 @@ class CleanReport:
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]
-    extra: Mapping[str, int]
+    second_phase: int
     spared: int
     by_class: Mapping[int, tuple[int, int]]
     low: int
@@ -115,15 +115,6 @@ class CleanReport:
     def is_untested(self) -> bool:
         """Whether no point could be tested."""
         return self.points == self.untested + self.invalid + self.ignored
-
-    def as_log(self) -> dict[str, Any]:
-        """Return the log; what detectors say more stands among the other fields."""
-        values = asdict(self)
-        return {**values, **values.pop('extra')}
-
-    def as_json(self) -> str:
-        """Write the log."""
-        return json.dumps(self.as_log(), indent=2) + '\n'
 
 
 def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files
@@ -171,25 +162,20 @@ def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files
     file = open_cloud(path, options.table)
     clouds = list_clouds(file, output, outliers, options)
     outputs = [] if options.dry else [*clouds, log_of(output)]
-    with (
-        _enough_memory(file),
-        make(outputs) as built,
-        _scratch(built[0] if built else output, options.tile) as allocate,
-    ):
+    with _enough_memory(file), make(outputs) as built:
+        allocate = _allocator(built[0] if built else output, options.tile)
         judged = judge_file(file, options, parameters, allocate, progress, slow)
         inspect(judged)
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
-            for change, target in zip(_changes(judged), built[:-1], strict=not options.dry):
-                for done in cloud_file.copy(file, target, change):
-                    progress(min(done, len(file)), len(file), 'writing')
+            for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
+                with writable(cloud, CloudError):
+                    for done in cloud_file.copy(file, target, change):
+                        progress(min(done, len(file)), len(file), 'writing')
         report = _report(judged, outputs[:-1], started, seconds)
         if built:
-            try:
-                built[-1].write_text(report.as_json(), encoding='utf-8')
-            except OSError as err:
-                must_be = 'written in full'
-                raise CloudError(f'the output {outputs[-1]}', must_be, said_by(err)) from err
+            with writable(outputs[-1], CloudError):
+                built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
     return report
 
 
@@ -272,8 +258,15 @@ def _report(
     judged: JudgedFile, clouds: Sequence[Path], started: datetime, seconds: Mapping[str, float]
 ) -> CleanReport:
     """Describe a judged file, of which these clouds were written."""
-    file, loaded = judged.file, judged.loaded
-    spared = judged.everything.rejected & ~judged.verdict.rejected
+    file, loaded, parameters = judged.file, judged.loaded, judged.parameters
+    verdict, every, valid = judged.verdict, judged.everything, loaded.points.valid
+
+    def count(mask: NDArray[Any]) -> int:
+        return int(np.count_nonzero(mask))
+
+    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
+        return {name: count(bits & registry.bits()[name]) for name in names}
+
     return CleanReport(
         input=str(file.path),
         outputs=tuple(str(cloud) for cloud in clouds),
@@ -286,37 +279,24 @@ def _report(
         lack=loaded.lack,
         rings=loaded.rings,
         coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
-        chain=judged.parameters.chain,
-        **_counts(judged),
-        spared=int(np.count_nonzero(spared)),
+        chain=parameters.chain,
+        points=len(valid),
+        invalid=count(~valid & ~every.masked) - judged.ignored,
+        ignored=judged.ignored,
+        untested=count(np.isnan(verdict.score[valid])),
+        rejected=count(verdict.rejected),
+        rejected_by=by_name(verdict.detectors, registry.rejecting(parameters)),
+        second_phase=count(verdict.detectors & EXTRA),
+        spared=count(every.rejected & ~verdict.rejected),
         by_class=judged.by_class,
-        low=int(np.count_nonzero(~judged.high)),
-        high=int(np.count_nonzero(judged.high)),
+        low=count(~judged.high),
+        high=count(judged.high),
         left_low=judged.left_low,
+        undecided_by=by_name(verdict.undecided, parameters.chain),
         seconds=seconds,
         versions=_versions(),
-        parameters=judged.parameters.flat(),
+        parameters=parameters.flat(),
     )
-
-
-def _counts(judged: JudgedFile) -> dict[str, Any]:
-    """Count the points, all and by detector."""
-    verdict, valid, parameters = judged.verdict, judged.loaded.points.valid, judged.parameters
-    absent = int(np.count_nonzero(~valid & ~judged.everything.masked))
-
-    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
-        return {name: int(np.count_nonzero(bits & registry.bits()[name])) for name in names}
-
-    return {
-        'points': len(valid),
-        'invalid': absent - judged.ignored,
-        'ignored': judged.ignored,
-        'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
-        'rejected': int(np.count_nonzero(verdict.rejected)),
-        'rejected_by': by_name(verdict.detectors, registry.rejecting(parameters)),
-        'extra': {'second_phase': int(np.count_nonzero(verdict.detectors & EXTRA))},
-        'undecided_by': by_name(verdict.undecided, parameters.chain),
-    }
 
 
 def _versions() -> dict[str, str]:
@@ -329,34 +309,27 @@ def _versions() -> dict[str, str]:
     }
 
 
-@contextmanager
-def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
-    """Give what makes large arrays: in memory or, for --tile, in files beside the output."""
+def _allocator(output: Path, tile: float) -> Allocate:
+    """Return what makes large arrays: in memory or, for --tile, in files beside the output.
+
+    The files have no name: the disk has room again as soon as an array is no longer used.
+    """
     if not 0 <= tile < np.inf:
         raise ParameterError('--tile', 'at least 0 and finite', tile)
     if tile == 0:
-        yield np.empty
-        return
-    with hidden_folder(output, 'points') as folder:
-        numbers = count()
+        return np.empty
 
-        def allocate(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
-            path = folder / str(next(numbers))
-            _reserve(path, np.dtype(dtype).itemsize * math.prod(shape))
-            array = np.memmap(path, dtype, 'r+', shape=shape)
-            path.unlink()  # the disk has room again as soon as the array is no longer used
-            return np.asarray(array)
+    def allocate(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+        size = np.dtype(dtype).itemsize * math.prod(shape)
+        try:
+            with TemporaryFile(dir=output.parent) as stream:
+                # Where the disk is full, an access to the array would end the process.
+                if size and hasattr(os, 'posix_fallocate'):
+                    os.posix_fallocate(stream.fileno(), 0, size)
+                stream.truncate(max(1, size))
+                return np.asarray(np.memmap(stream, dtype, 'r+', shape=shape))
+        except OSError as err:
+            must_be = f'able to hold {size} bytes beside the output, for --tile'
+            raise CloudError('the disk', must_be, f'"{err.strerror}"') from err
 
-        yield allocate
-
-
-def _reserve(path: Path, size: int) -> None:
-    """Make a file of so many bytes; a full disk is reported here."""
-    try:
-        with path.open('wb') as stream:
-            if size and hasattr(os, 'posix_fallocate'):
-                os.posix_fallocate(stream.fileno(), 0, size)
-            stream.truncate(max(1, size))
-    except OSError as err:
-        must_be = f'able to hold {size} bytes beside the output, for --tile'
-        raise CloudError('the disk', must_be, f'"{err.strerror}"') from err
+    return allocate

@@ -8,10 +8,10 @@ loop. What cannot be in the file is refused, and so is a wrong count of points.
 
 from __future__ import annotations
 
-import importlib
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -33,21 +33,14 @@ _MOST_DIGITS = 18  # of a number that is less than 2^63
 
 # Suffix, module, class, and the extra that installs its library.
 FORMATS = {
-    '.las': ('las', 'LasFile', 'files'),
-    '.laz': ('las', 'LasFile', 'files'),
+    **dict.fromkeys(('.las', '.laz'), ('las', 'LasFile', 'files')),
     '.pcd': ('pcd', 'PcdFile', 'files'),
     '.ply': ('ply', 'PlyFile', ''),
     '.ptx': ('text', 'PtxFile', ''),
     '.e57': ('e57', 'E57File', 'e57'),
-    '.csv': ('text', 'TextFile', ''),
-    '.tsv': ('text', 'TextFile', ''),
-    '.txt': ('text', 'TextFile', ''),
-    '.xyz': ('text', 'TextFile', ''),
-    '.asc': ('text', 'TextFile', ''),
+    **dict.fromkeys(('.csv', '.tsv', '.txt', '.xyz', '.asc'), ('text', 'TextFile', '')),
     '.parquet': ('parquet', 'ParquetFile', 'parquet'),
-    '.sqlite': ('sqlite', 'SqliteFile', ''),
-    '.sqlite3': ('sqlite', 'SqliteFile', ''),
-    '.db': ('sqlite', 'SqliteFile', ''),
+    **dict.fromkeys(('.sqlite', '.sqlite3', '.db'), ('sqlite', 'SqliteFile', '')),
 }
 SUFFIXES = tuple(FORMATS)
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
@@ -156,7 +149,6 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     if suffix not in FORMATS:
         raise CloudError(f'the file {path}', f'one of {" ".join(FORMATS)}', repr(path.suffix))
     module, name, extra = FORMATS[suffix]
-    arguments = [path] if table is None else [path, table]
     if table is not None and module != 'sqlite':
         raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
     with readable(path):
@@ -164,11 +156,11 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
             got = 'a folder' if path.is_dir() else 'a pipe or device' if path.exists() else 'none'
             raise CloudError(f'the file {path}', 'a file', got)
         try:
-            kind = getattr(importlib.import_module(f'{__package__}.{module}'), name)
-            opened: CloudFile = kind(*arguments)
+            kind = getattr(import_module(f'{__package__}.{module}'), name)
         except ModuleNotFoundError as err:
             must_be = f"installed, as by pip install 'lidar_outlier_filter[{extra}]'"
             raise CloudError(f'the module {err.name} for {suffix} files', must_be, 'none') from err
+        opened: CloudFile = kind(path) if table is None else kind(path, table)
         if len(opened) == 0:
             raise CloudError(f'the cloud {path}', 'of at least one point', 0)
         return opened
@@ -186,10 +178,24 @@ def is_copy_format(path: Path, copy: Path) -> bool:
     return expected == got
 
 
-def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk, as :func:`read_exact`; missing numbers are NaN."""
-    for chunk in read_exact(file, names):
-        yield tuple(filled(values) for values in chunk)
+def read(
+    file: CloudFile, names: Sequence[str], *, exact: bool = False
+) -> Iterator[tuple[NDArray[Any], ...]]:
+    """Read columns of a file chunk by chunk; whatever is wrong with it is said in one sentence.
+
+    Missing numbers are NaN. If ``exact``, integers of which some are missing are a masked array: a
+    float would round large ones.
+    """
+    for name in names:
+        if name not in file.columns:
+            must_be = f'one of {", ".join(file.columns) or "none"}'
+            raise CloudError(f'a column of {file.path}', must_be, repr(name))
+    count = 0
+    with readable(file.path):
+        for chunk in file.read(names):
+            count += len(chunk[0])
+            yield chunk if exact else tuple(map(filled, chunk))
+        check_count(file.path, len(file), count)
 
 
 def filled(values: NDArray[Any]) -> NDArray[Any]:
@@ -200,49 +206,36 @@ def filled(values: NDArray[Any]) -> NDArray[Any]:
     return with_nan
 
 
-def read_exact(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk; whatever is wrong with it is said in one sentence.
-
-    Integers of which some are missing are a masked array: a float would round large ones.
-    """
-    for name in names:
-        if name not in file.columns:
-            raise CloudError(f'a column of {file.path}', f'one of {_names(file)}', repr(name))
-    count = 0
-    with readable(file.path):
-        for chunk in file.read(names):
-            count += len(chunk[0])
-            yield chunk
-        check_count(file.path, len(file), count)
-
-
 def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
-    """Write a changed copy; whatever goes wrong is said in one sentence."""
+    """Write a changed copy; whatever is wrong with the file is said in one sentence.
+
+    Raises
+    ------
+    CloudError
+        If the file cannot be read, or cannot be changed so.
+    OSError
+        If the copy cannot be written.
+
+    """
     if change.keep is not None and file.whole:
         raise CloudError(f'rejected points of {file.path}', 'marked', f'removed: {file.whole}')
     for name in change.added:
         if name in file.columns:
-            raise CloudError(f'the columns of {file.path}', f'without {name}', _names(file))
-    with readable(file.path):
-        try:
-            yield from file.copy(path, change)
-        except OSError as err:
-            raise CloudError(f'the output {path}', 'written in full', said_by(err)) from err
+            got = ', '.join(file.columns)
+            raise CloudError(f'the columns of {file.path}', f'without {name}', got)
+    with readable(file.path, OSError):
+        yield from file.copy(path, change)
 
 
 @contextmanager
-def readable(path: Path) -> Iterator[None]:
-    """Refuse, in one sentence, whatever a damaged file makes its reader raise."""
+def readable(path: Path, passed: type[Exception] = FilterError) -> Iterator[None]:
+    """Refuse, in one sentence, whatever a damaged file makes its reader raise; not ``passed``."""
     try:
         yield
-    except FilterError:
+    except (FilterError, passed):
         raise
     except Exception as err:  # readers raise anything on damaged files
         raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
-
-
-def _names(file: CloudFile) -> str:
-    return ', '.join(file.columns) or 'none'
 
 
 def check_names(path: Path, names: Iterable[str]) -> None:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
     from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
@@ -132,8 +130,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
 
     Parameters
     ----------
-    file : CloudFile
-    options, parameters : what to judge, and how
+    file, options, parameters : what to judge, and how
     allocate : returns an array of a shape, in memory or in a file
     progress : called with how many of how many points are done, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
@@ -149,7 +146,9 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
     seconds: dict[str, float] = {}
     with timed(seconds, 'read'):
         coordinates = points.choose_coordinates(file, options.coordinates)
-        metres = _metres(file, coordinates, options.unit)
+        unit = options.unit
+        known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
+        metres = {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
         loaded = _load(file, coordinates, metres, options, parameters, allocate, progress)
     with timed(seconds, 'judge'):
         classes = loaded.more.get(CLASSIFICATION) if file.classes else None
@@ -171,15 +170,15 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
         high = is_high(loaded.points.xyz, kept, verdict.rejected)
         left_low = _count_low(file, loaded, kept, parameters.threads)
     return JudgedFile(
-        file=file,
-        options=options,
-        parameters=parameters,
-        coordinates=coordinates,
-        metres=metres,
-        loaded=loaded,
-        ignored=ignored,
-        everything=everything,
-        verdict=verdict,
+        file,
+        options,
+        parameters,
+        coordinates,
+        metres,
+        loaded,
+        ignored,
+        everything,
+        verdict,
         by_class={} if codes is None else _by_class(codes, verdict.rejected),
         high=high,
         left_low=left_low,
@@ -208,12 +207,6 @@ def _count_low(file: CloudFile, loaded: Loaded, kept: Bools, threads: int) -> in
     return count_low(cloud.xyz, np.flatnonzero(kept), threads)
 
 
-def _metres(file: CloudFile, coordinates: Sequence[str], unit: str | None) -> dict[str, float]:
-    """Return metres per unit of each coordinate that is not in metres."""
-    known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
-    return {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
-
-
 def _load(  # noqa: PLR0913  which points, and where to
     file: CloudFile,
     coordinates: tuple[str, ...],
@@ -224,7 +217,12 @@ def _load(  # noqa: PLR0913  which points, and where to
     progress: Progress,
 ) -> Loaded:
     """Read the points; refuse a chain that needs scan lines where there are none."""
-    _check_classes(file, (*options.only, *options.keep, *options.ignore))
+    named = (*options.only, *options.keep, *options.ignore)
+    if named and not file.classes:
+        raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
+    for one in named:
+        if not 0 <= one <= LARGEST_CLASS:
+            raise CloudError('a class', f'from 0 to {LARGEST_CLASS}', one)
     # In tiles, detectors that can do without scan lines do.
     chain = parameters.chain
     loaded = points.load(
@@ -261,15 +259,6 @@ def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     seconds[name] = round(perf_counter() - begin, 3)
 
 
-def _check_classes(file: CloudFile, named: Sequence[int]) -> None:
-    """Refuse classes that no file, or this one, can have."""
-    if named and not file.classes:
-        raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
-    for one in named:
-        if not 0 <= one <= LARGEST_CLASS:
-            raise CloudError('a class', f'from 0 to {LARGEST_CLASS}', one)
-
-
 def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools:
     """Return which points stay as they are: of classes other than ``only``, or of ``keep``."""
     kept = np.isin(classes, keep)
@@ -286,7 +275,7 @@ def spare(verdict: Verdict, kept: Bools) -> Verdict:
     return spared
 
 
-def _by_class(classes: Bytes, rejected: NDArray[np.bool_]) -> dict[int, tuple[int, int]]:
+def _by_class(classes: Bytes, rejected: Bools) -> dict[int, tuple[int, int]]:
     """Count the points of each class, and those of them that are rejected."""
     every = np.bincount(classes, minlength=LARGEST_CLASS + 1)
     gone = np.bincount(classes[rejected], minlength=LARGEST_CLASS + 1)
@@ -328,7 +317,7 @@ def describe_file(path: Path) -> FileInfo:
     file = cloud_file.open_cloud(path)
     names = [name for name, kind in file.columns.items() if kind.kind in 'iuf']
     extent: dict[str, tuple[float, float]] = {}
-    for chunk in cloud_file.read_exact(file, names):
+    for chunk in cloud_file.read(file, names, exact=True):
         for name, values in zip(names, chunk, strict=True):
             known = np.ma.compressed(values)
             known = known[np.isfinite(known)]
@@ -343,21 +332,15 @@ def describe_file(path: Path) -> FileInfo:
 
 
 def _unit(file: CloudFile) -> str:
-    """Name the unit of the coordinates of a file that may have one."""
+    """Name the units of the coordinates of a file that may name some."""
+    said = []
     try:
-        metres = file.metres
+        for axis, size in file.metres.items():
+            names = (name for name, known in UNITS.items() if np.isclose(size, known, 1e-9))
+            said.append(f'{axis} in {next(names, "units")} ({size:.10g} m)')
     except CloudError as err:
         return str(err)
-    return say_units(metres) or 'm'
-
-
-def say_units(metres: Mapping[str, float]) -> str:
-    """Say which coordinates are in which units other than metres."""
-    said = []
-    for axis, size in metres.items():
-        name = next((name for name, known in UNITS.items() if np.isclose(size, known, 1e-9)), '')
-        said.append(f'{axis} in {name or "units"} ({size:.10g} m)')
-    return ', '.join(said)
+    return ', '.join(said) or 'm'
 
 
 def _method(file: CloudFile) -> tuple[int, str]:

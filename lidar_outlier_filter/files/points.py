@@ -169,7 +169,7 @@ def _read(  # noqa: PLR0913  which columns, and where to
     xyz = allocate((len(file), 3))
     columns: dict[str, NDArray[Any]] = {}
     done = 0
-    for chunk in cloud_file.read_exact(file, [*coordinates, *others]):
+    for chunk in cloud_file.read(file, [*coordinates, *others], exact=True):
         part = slice(done, done + len(chunk[0]))
         xyz[part, len(coordinates) :] = 0.0
         for axis, name in enumerate(coordinates):

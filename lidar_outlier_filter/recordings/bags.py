@@ -24,7 +24,13 @@ from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, publish
+from lidar_outlier_filter.disk.new_files import (
+    FOLDER,
+    check_new,
+    hidden_folder,
+    publish,
+    writable,
+)
 from lidar_outlier_filter.disk.sqlite_pages import damage_of
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.parameters.declaration import shown
@@ -344,12 +350,3 @@ def _readable(path: RecordingPath) -> Iterator[None]:
     except RecordingError as err:
         vars(err).setdefault('is_damage', True)
         raise
-
-
-@contextmanager
-def writable(path: Path) -> Iterator[None]:
-    """Refuse, in one sentence, what cannot be written: a full disk, a folder without permission."""
-    try:
-        yield
-    except OSError as err:
-        raise RecordingError(f'the output {path}', 'written in full', said_by(err)) from err

@@ -30,7 +30,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder
+from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, writable
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
 from lidar_outlier_filter.errors import RecordingError, printable, said_by
 from lidar_outlier_filter.recordings.bags import (
@@ -40,7 +40,6 @@ from lidar_outlier_filter.recordings.bags import (
     check_metadata,
     check_regular,
     texts_by_name,
-    writable,
 )
 from lidar_outlier_filter.recordings.channels import ros2_channels
 

@@ -19,7 +19,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.disk.new_files import LOCK, hidden_folder
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.clean import _scratch
+from lidar_outlier_filter.files.clean import _allocator
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,19 +50,14 @@ def test_killed_runs(real_data: Path, tmp_path: Path, what: str, source: str) ->
 
 
 def test_what_is_left_is_removed(tmp_path: Path) -> None:
-    """A folder whose lock is free was left by a killed run; one that is held, or written to, stays.
-
-    So was one in which nothing stands but a lock to be, and one whose removal had begun.
-    """
+    """A folder whose lock is free, or missing, was left by a killed run; one that is held stays."""
     output = tmp_path / 'out.las'
-    for name in ('free', 'held', 'new', 'old', 'empty', 'to_be', 'x-gone'):
+    for name in ('free', 'held', 'files', 'empty', 'x-gone'):
         (tmp_path / f'.out.las.partial-{name}').mkdir()
     (tmp_path / '.out.las.partial-link').symlink_to(tmp_path)
     (tmp_path / '.other.las.partial-free').mkdir()
-    for name in ('new', 'old', 'x-gone'):
+    for name in ('files', 'x-gone'):
         (tmp_path / f'.out.las.partial-{name}' / 'out.las').touch()
-    os.utime(tmp_path / '.out.las.partial-old', (0, 0))
-    (tmp_path / '.out.las.partial-to_be' / f'{LOCK}-to-be').touch()
     for name in ('free', 'held'):
         (tmp_path / f'.out.las.partial-{name}' / LOCK).touch()
     with (tmp_path / '.out.las.partial-held' / LOCK).open() as lock:
@@ -72,7 +67,7 @@ def test_what_is_left_is_removed(tmp_path: Path) -> None:
             assert folder.is_dir()
     kept = (
         '.other.las.partial-free',
-        *(f'.out.las.partial-{name}' for name in ('held', 'link', 'new')),
+        *(f'.out.las.partial-{name}' for name in ('held', 'link')),
     )
     assert {path.name for path in tmp_path.iterdir()} == set(kept)
 
@@ -126,8 +121,8 @@ def test_full_disk_of_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(os, 'posix_fallocate', full)
     sentence = 'must be able to hold 2400 bytes beside the output, for --tile, got "No space left'
-    with pytest.raises(CloudError, match=sentence), _scratch(tmp_path / 'out.las', 1.0) as allocate:
-        allocate((100, 3))
+    with pytest.raises(CloudError, match=sentence):
+        _allocator(tmp_path / 'out.las', 1.0)((100, 3))
     assert list(tmp_path.iterdir()) == []
 
 

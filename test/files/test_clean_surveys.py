@@ -149,7 +149,7 @@ def test_the_picture(cloud: Path, capsys: Capture) -> None:
     assert main([*arguments, str(cloud.with_name('worst.gif'))]) == 1
     said = capsys.readouterr().err.splitlines()
     assert said == [
-        f'--picture must be a new file, got {picture}, which exists',
+        f'--picture must be a new file, got {picture}, which exists; remove it, or name another',
         f'--picture must be a name that ends with .png, got {cloud.parent}/worst.gif',
     ]
     assert sorted(path.name for path in cloud.parent.iterdir()) == ['a.las', 'worst.png']

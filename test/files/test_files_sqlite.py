@@ -71,7 +71,7 @@ def test_whole_numbers_are_exact(tmp_path: Path) -> None:
     x, y, z = columns(path)
     assert (x.tolist(), y.tolist(), z.tolist()) == ([large], [large], [2.0**63])
     run(path, 'INSERT INTO t VALUES (NULL, NULL, NULL)')
-    chunks = cloud_file.read_exact(open_cloud(path), ['x', 'y', 'z'])
+    chunks = cloud_file.read(open_cloud(path), ['x', 'y', 'z'], exact=True)
     x, y, z = next(chunks)
     assert x.tolist() == y.tolist() == [large, None]
     np.testing.assert_array_equal(z, [2.0**63, np.nan])

@@ -60,7 +60,7 @@ def test_columns(tmp_path: Path) -> None:
 def test_whole_numbers_are_exact(tmp_path: Path, fields: str, expected: list[float]) -> None:
     """Large integers are exact, unless their column has a fraction or a number beyond 64 bits."""
     path = make(tmp_path, b'x\n' + '\n'.join(fields.split()).encode())
-    ((x,),) = cloud_file.read_exact(open_cloud(path), ['x'])
+    ((x,),) = cloud_file.read(open_cloud(path), ['x'], exact=True)
     assert x.tolist() == expected
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -45,101 +46,61 @@ def wkt(text: str) -> tuple[int, bytes]:
     return 2112, text.encode() + b'\0'
 
 
+PROJECTED = FLAT.replace('"a"', '"a [ft] (x)"').replace('0.30480060960121924', '1')
+LENGTHS = 'the coordinates of cloud.las must be lengths, or clean --unit given, got degrees'
+NO_UNIT = 'the unit of cloud.las, key 3076 must be a length'
+NO_SYSTEM = 'the coordinate system of cloud.las must be one that PROJ knows'
+
+
 @pytest.mark.parametrize(
-    ('rows', 'expected'),
+    ('records', 'expected'),
     [
-        ([(1024, 0, 1, 1), (3076, 0, 1, 9002)], dict.fromkeys('xyz', FOOT)),
-        ([(3076, 0, 1, 9003), (4099, 0, 1, 9001)], dict.fromkeys('xy', SURVEY)),
-        ([(4099, 0, 1, 9002)], {'z': FOOT}),
+        # Keys: the unit of x and y is also that of z, unless there is another.
+        ([], {}),
+        ([keys((1024, 0, 1, 1), (3076, 0, 1, 9002))], dict.fromkeys('xyz', FOOT)),
+        ([keys((3076, 0, 1, 9003), (4099, 0, 1, 9001))], dict.fromkeys('xy', SURVEY)),
+        ([keys((4099, 0, 1, 9002))], {'z': FOOT}),
         # The EPSG numbers of the systems, and no unit.
-        ([(1024, 0, 1, 1), (3072, 0, 1, 2229)], dict.fromkeys('xyz', SURVEY)),
-        ([(3072, 0, 1, 25832), (4096, 0, 1, 8228)], {'z': FOOT}),
+        ([keys((1024, 0, 1, 1), (3072, 0, 1, 2229))], dict.fromkeys('xyz', SURVEY)),
+        ([keys((3072, 0, 1, 25832), (4096, 0, 1, 8228))], {'z': FOOT}),
+        ([keys((3072, 0, 1, 32767))], {}),
+        ([keys((3076, 0, 1, 9001), (3072, 0, 1, 2229))], {}),  # the unit itself counts more
+        ([keys((4096, 0, 1, 5013))], {}),  # a number of GeoTIFF's own
+        ([keys((3076, 0, 1, 4711))], NO_UNIT),
+        ([keys((3076, 0, 1, 9102))], NO_UNIT),  # of an angle
+        ([keys((3072, 0, 1, 1))], NO_SYSTEM),
+        ([keys((3072, 0, 1, 4326))], LENGTHS),
+        ([keys((1024, 0, 1, 2), (2048, 0, 1, 4326))], LENGTHS),
+        # WKT: units of the plane and of heights; those of angles and of parameters are none.
+        ([wkt('')], {}),
+        ([wkt(FLAT)], dict.fromkeys('xyz', SURVEY)),
+        ([wkt(PROJECTED)], {}),
+        ([wkt(f'COMPD_CS["c",{FLAT},{UP}]')], dict.fromkeys('xy', SURVEY)),
+        ([wkt('LOCAL_CS["here",UNIT["foot",0.3048]]')], dict.fromkeys('xyz', FOOT)),
+        ([wkt(CRS.from_epsg(2992).to_wkt('WKT2_2019'))], dict.fromkeys('xyz', FOOT)),
+        ([wkt(CRS('EPSG:25832+8228').to_wkt('WKT2_2019'))], {'z': FOOT}),
+        ([wkt(DEGREES)], LENGTHS),
+        ([wkt('PROJCS["a"')], NO_SYSTEM),
+        # Where one says nothing, the other counts.
+        ([wkt(FLAT), keys((1024, 0, 1, 1))], dict.fromkeys('xyz', SURVEY)),
+        ([wkt(''), keys((3076, 0, 1, 9003))], dict.fromkeys('xyz', SURVEY)),
     ],
 )
-def test_keys(rows: list[tuple[int, int, int, int]], expected: dict[str, float]) -> None:
-    """The unit of x and y is also that of z, unless there is another."""
-    assert metres_per_unit(dict([keys(*rows)]), HERE, wkt=False) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    'records',
-    [
-        [],
-        [keys((3076, 0, 1, 9001))],
-        [keys((1024, 0, 1, 1))],
-        [keys((3072, 0, 1, 25832))],
-        [keys((3072, 0, 1, 32767))],
-        [keys((3076, 0, 1, 9001), (3072, 0, 1, 2229))],  # what is said of the unit counts
-        [keys((4096, 0, 1, 5013))],  # a number of GeoTIFF's own
-        [(2112, b'')],
-    ],
-)
-def test_metres(records: list[tuple[int, bytes]]) -> None:
-    """Nothing is said, or metres are."""
-    assert metres_per_unit(dict(records), HERE, wkt=(2112, b'') in records) == {}
-
-
-@pytest.mark.parametrize(
-    ('rows', 'refusal'),
-    [
-        ([(3076, 0, 1, 4711)], 'the unit of cloud.las, key 3076 must be a length'),
-        ([(3076, 0, 1, 9102)], 'the unit of cloud.las, key 3076 must be a length'),
-        ([(3076, 0, 1, 32767)], 'the unit of cloud.las, key 3076 must be a length'),
-        ([(3072, 0, 1, 1)], 'the coordinate system of cloud.las must be one that PROJ knows'),
-        ([(3072, 0, 1, 4326)], 'the coordinates of cloud.las must be lengths'),
-        ([(1024, 0, 1, 2), (2048, 0, 1, 4326)], 'the coordinates of cloud.las must be lengths'),
-    ],
-)
-def test_units_that_are_refused(rows: list[tuple[int, int, int, int]], refusal: str) -> None:
-    """Unknown ones, angles, and one of its own without a size."""
-    with pytest.raises(CloudError, match=refusal):
-        metres_per_unit(dict([keys(*rows)]), HERE, wkt=False)
-
-
-@pytest.mark.parametrize(
-    ('text', 'expected'),
-    [
-        (FLAT, dict.fromkeys('xyz', 0.30480060960121924)),
-        (FLAT.replace('"a"', '"a [ft] (x)"').replace('0.30480060960121924', '1'), {}),
-        (f'COMPD_CS["c",{FLAT},{UP}]', dict.fromkeys('xy', 0.30480060960121924)),
-        ('LOCAL_CS["here",UNIT["foot",0.3048]]', dict.fromkeys('xyz', FOOT)),
-        (CRS.from_epsg(2992).to_wkt('WKT2_2019'), dict.fromkeys('xyz', FOOT)),
-        (CRS('EPSG:25832+8228').to_wkt('WKT2_2019'), {'z': FOOT}),
-    ],
-)
-def test_wkt(text: str, expected: dict[str, float]) -> None:
-    """Units of the plane and of heights; those of angles and of parameters are none."""
-    assert metres_per_unit(dict([wkt(text)]), HERE, wkt=True) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ('text', 'refusal'),
-    [
-        (DEGREES, 'the coordinates of cloud.las must be lengths, or clean --unit given, got deg'),
-        ('PROJCS["a"', 'the coordinate system of cloud.las must be one that PROJ knows'),
-    ],
-)
-def test_wkt_that_is_refused(text: str, refusal: str) -> None:
-    """Angles, and what is none."""
-    with pytest.raises(CloudError, match=refusal):
-        metres_per_unit(dict([wkt(text)]), HERE, wkt=True)
+@pytest.mark.parametrize('counts', [True, False])
+def test_units(records: list[tuple[int, bytes]], expected: Any, *, counts: bool) -> None:
+    """Whatever the header says of WKT, the only record that names a unit counts; or a refusal."""
+    if isinstance(expected, str):
+        with pytest.raises(CloudError, match=expected):
+            metres_per_unit(dict(records), HERE, wkt=counts)
+    else:
+        assert metres_per_unit(dict(records), HERE, wkt=counts) == pytest.approx(expected)
 
 
 def test_which_of_both_counts() -> None:
     """The header says so."""
-    both = [wkt(FLAT), keys((3076, 0, 1, 9002))]
-    assert metres_per_unit(dict(both), HERE, wkt=False)['x'] == FOOT
-    assert metres_per_unit(dict(both), HERE, wkt=True)['x'] == pytest.approx(SURVEY)
-
-
-def test_the_other_where_one_says_nothing() -> None:
-    """WKT counts without the header's word where no keys say a unit, and keys where no WKT does."""
-    feet = pytest.approx(dict.fromkeys('xyz', SURVEY))
-    for keys_without in ([], [keys()], [keys((1024, 0, 1, 1))]):
-        assert metres_per_unit(dict([wkt(FLAT), *keys_without]), HERE, wkt=False) == feet
-    said = keys((3076, 0, 1, 9003))
-    for text_without in ([], [wkt('')]):
-        assert metres_per_unit(dict([said, *text_without]), HERE, wkt=True) == feet
+    both = dict([wkt(FLAT), keys((3076, 0, 1, 9002))])
+    assert metres_per_unit(both, HERE, wkt=False)['x'] == FOOT
+    assert metres_per_unit(both, HERE, wkt=True)['x'] == pytest.approx(SURVEY)
 
 
 def test_deviations_have_the_unit_of_the_coordinates(tmp_path: Path) -> None:
@@ -171,18 +132,6 @@ def test_limits_are_in_metres(
     xyz = before.xyz * FOOT
     near = np.linalg.norm(xyz[:, None] - xyz, axis=2) <= 30.0
     np.testing.assert_array_equal(after.classification == 7, near.sum(axis=1) - 1 < 3)
-
-
-def test_a_unit_that_the_user_gives(tmp_path: Path) -> None:
-    """A radius of half a metre holds neighbours a millimetre away, and none a metre away."""
-    path = tmp_path / 'scan.csv'
-    rows = [f'{x},{y},1' for x in range(0, 20_000, 1000) for y in range(9)]
-    path.write_text('\n'.join(['x,y,z', *rows]) + '\n')
-    options = ['--chain', 'sor', '--set', 'sor.statistic=radius', '--set', 'sor.radius=0.5']
-    for unit, rejected in (('mm', 0), ('m', 180)):
-        out = tmp_path / f'{unit}.csv'
-        assert main(['clean', str(path), *options, '--unit', unit, '--output', str(out)]) == 0
-        assert json.loads(out.with_name(f'{unit}.csv.json').read_text())['rejected'] == rejected
 
 
 def test_a_unit_counts_more_than_the_file(tmp_path: Path) -> None:

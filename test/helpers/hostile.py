@@ -269,7 +269,7 @@ def read_and_copy(path: Path, target: Path) -> bool:
     try:
         table = 't' if path.suffix == '.db' else None
         file = open_cloud(path, table)
-        for _ in cloud_file.read_exact(file, list(file.columns)):
+        for _ in cloud_file.read(file, list(file.columns), exact=True):
             pass
         for _ in cloud_file.copy(file, target, Change()):
             pass

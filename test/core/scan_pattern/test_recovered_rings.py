@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import yaml
+from helpers.cloud_files import columns
 from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
@@ -23,7 +24,6 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
     spread,
 )
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.cloud_file import filled, open_cloud, read_exact
 from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, describe_file
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -31,8 +31,6 @@ from lidar_outlier_filter.recordings.bags import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.annotations import Floats, Ints
 
@@ -79,12 +77,6 @@ def share_right(found: Ints | None, true: Ints) -> float:
     np.add.at(count, (found, ring), 1)
     right = (count.argmax(1)[found] == ring) & (count.argmax(0)[ring] == found)
     return float(right.mean())
-
-
-def columns(path: Path, *names: str) -> list[NDArray[np.float64]]:
-    """Read columns of a file."""
-    parts = [[filled(one) for one in chunk] for chunk in read_exact(open_cloud(path), names)]
-    return [np.concatenate(column).astype(np.float64) for column in zip(*parts, strict=True)]
 
 
 @pytest.mark.parametrize('name', TABLES)
@@ -186,7 +178,7 @@ def test_sweeps(real_data: Path, name: str) -> None:
         real_data / 'clouds' / 'sensors' / name, 'x', 'y', 'z', 'channel', 'distance'
     )
     valid = np.isfinite(x) & (distance > 0)
-    xyz = np.stack([x, y, z], axis=1)[valid]
+    xyz = np.stack([x, y, z], axis=1, dtype=np.float64)[valid]
     assert share_right(recover_rings(xyz), channel[valid].astype(np.int64)) > 0.999
 
 
@@ -197,7 +189,7 @@ def test_sweeps(real_data: Path, name: str) -> None:
 )  # fmt: skip
 def test_others_have_none(real_data: Path, name: str) -> None:
     """Clouds from the air, of walls and of things have none, wherever one looks from."""
-    xyz = np.stack(columns(real_data / 'clouds' / name, 'x', 'y', 'z'), axis=1)
+    xyz = np.stack(columns(real_data / 'clouds' / name, 'x', 'y', 'z'), axis=1, dtype=np.float64)
     if name.startswith('samp41'):
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
     for origin in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
