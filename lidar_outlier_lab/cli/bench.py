@@ -20,8 +20,8 @@ def add_bench(commands: Commands) -> None:
     parser = commands.add_parser(
         'bench',
         help='measure the speed of this machine',
-        description='Compare the answers, then time detectors, the whole way of a cloud, and the '
-        'peers that are installed on the same points, on one core and on two.',
+        description='Time detectors, all steps of a cloud through the filter, and the peers that '
+        'are installed on the same points, on one core and on two.',
         epilog='examples:\n  lidar-outlier-filter bench\n'
         '  lidar-outlier-filter bench --write doc/results/speed.md',
     )
@@ -34,6 +34,6 @@ def add_bench(commands: Commands) -> None:
 def _bench(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_lab.results.bench_page import run
+    from lidar_outlier_lab.results.bench import run
 
     return run(Console(), options.write)

@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 PAGE = Path('doc/results/tables.md')
 DATA = Path('../shared/data')
 SEEDS = (101, 102, 103, 104, 105)
-PAPERS = ('leslar2010', 'sotoodeh2006', 'sotoodeh2007', 'kang2018', 'pirotti2018')
+# The module of each paper; its ``section`` writes what stands on the page.
+PAPERS = {
+    'leslar2010': 'leslar',
+    'sotoodeh2006': 'sotoodeh_lof',
+    'sotoodeh2007': 'sotoodeh_hod',
+    'kang2018': 'kang',
+    'pirotti2018': 'pirotti',
+}
 QUICK_PRESETS = ('leslar-c', 'pirotti-fcd', 'sotoodeh-hod')
 
 
@@ -81,7 +88,7 @@ def add_results(commands: Commands) -> None:
         '--papers',
         nargs='+',
         choices=PAPERS,
-        default=PAPERS,
+        default=tuple(PAPERS),
         metavar='P',
         help=f'pages of the section papers, in papers/ beside FILE; of {", ".join(PAPERS)}',
     )
@@ -128,7 +135,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.contest_section import section
+    from lidar_outlier_lab.results.contest_page import section
 
     return section(options.presets, options.seeds, options.full, progress)
 
@@ -140,9 +147,12 @@ def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> d
 
 
 def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.papers.pages import write_up
-
-    return write_up(options.papers, options.presets, options.seeds[0], pictures, progress)
+    texts = {}
+    for name in options.papers:
+        paper = import_module(f'lidar_outlier_lab.results.papers.{PAPERS[name]}')
+        text = paper.section(options.presets, options.seeds[0], pictures, progress)
+        texts[name] = f'## Theirs and ours\n\n{text}'
+    return texts
 
 
 SECTIONS: dict[str, WriteSection] = {

@@ -22,8 +22,7 @@ from lidar_outlier_filter.cli.terminal import (
     stopping,
 )
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.simulation.presets import PRESETS
-from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
+from lidar_outlier_lab.simulation.presets import PRESETS, RETURN_NAMES, WEATHER_NAMES
 
 if TYPE_CHECKING:
     import argparse
@@ -146,7 +145,7 @@ def _preset(options: argparse.Namespace) -> int:
 def _onto(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_lab.simulation.weather.onto import put_onto
+    from lidar_outlier_lab.simulation.weather.clouds import put_onto
 
     if options.weather not in WEATHER_NAMES:
         raise FilterError('--weather', f'one of {", ".join(WEATHER_NAMES)}', options.weather)

@@ -181,30 +181,31 @@ def _check_alone(options: argparse.Namespace, name: str) -> None:
             raise FilterError(name, f'without {other}', f'{name} with {other}')
 
 
-def _survey_table(held_out: Mapping[str, Any]) -> Table:
-    """Lay out the figures of the scenes left out."""
+def _table(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> Table:
+    """Lay out figures of what was left out: a name, and numbers to its right."""
     from rich.table import Table
 
-    table = Table('kind of scene, left out', 'F1', 'good points lost', box=None)
-    for kind, one in held_out['kinds'].items():
-        table.add_row(kind, f'{one["f1"]:.3f}', f'{one["lost"]:.4%}')
-    table.add_row('all', f'{held_out["f1"]:.3f}', f'{held_out["lost"]:.4%}')
-    for column in table.columns[1:]:
-        column.justify = 'right'
+    table = Table(head[0], box=None)
+    for name in head[1:]:
+        table.add_column(name, justify='right')
+    for name, figures in rows.items():
+        table.add_row(name, *figures)
     return table
+
+
+def _survey_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of the scenes left out."""
+    kinds = {**held_out['kinds'], 'all': held_out}
+    rows = {kind: (f'{one["f1"]:.3f}', f'{one["lost"]:.4%}') for kind, one in kinds.items()}
+    return _table(('kind of scene, left out', 'F1', 'good points lost'), rows)
 
 
 def _profile_table(held_out: Mapping[str, Any]) -> Table:
     """Lay out the figures of the streets left out."""
-    from rich.table import Table
-
-    table = Table('cause, street left out', 'found', box=None)
-    for cause, share in held_out['recall'].items():
-        table.add_row(cause, f'{share:.2%}')
-    table.add_row('good points', f'{held_out["lost"]:.4%}')
-    table.add_row('of the median street', f'{held_out["lost_of_median_street"]:.4%}')
-    table.columns[1].justify = 'right'
-    return table
+    rows = {cause: (f'{share:.2%}',) for cause, share in held_out['recall'].items()}
+    rows['good points'] = (f'{held_out["lost"]:.4%}',)
+    rows['of the median street'] = (f'{held_out["lost_of_median_street"]:.4%}',)
+    return _table(('cause, street left out', 'found'), rows)
 
 
 def _folder(options: argparse.Namespace) -> Path | None:
@@ -278,23 +279,25 @@ def _about(sensors: list[str], scanners: list[str], train_on: list[str]) -> dict
 
 def _tables(held_out: Mapping[str, Any]) -> list[Table]:
     """Lay out the figures of the sensors left out."""
-    from rich.table import Table
-
     dark, without = held_out['without_intensity'], 'without intensity'
-    weather = Table(
-        *('weather, sensor left out', 'F1', 'best F1', 'good points lost', without), box=None
-    )
-    for kind, one in held_out['weather'].items():
-        figures = f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}'
-        weather.add_row(kind, *figures, f'{dark["weather"][kind]["f1"]:.3f}')
-    clean = Table('clean, sensor left out', 'rejected', without, box=None)
-    for sensor, share in held_out['clean_rejected'].items():
-        clean.add_row(sensor, f'{share:.4%}', f'{dark["clean_rejected"][sensor]:.4%}')
-    street = Table('street, sensor left out', 'F1', without, box=None)
-    for name, f1 in held_out['street_f1'].items():
-        street.add_row(name, f'{f1:.3f}', f'{dark["street_f1"][name]:.3f}')
-    tables = [weather, clean, street]
-    for table in tables:
-        for column in table.columns[1:]:
-            column.justify = 'right'
-    return tables
+    weather = {
+        kind: (
+            *(f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}'),
+            f'{dark["weather"][kind]["f1"]:.3f}',
+        )
+        for kind, one in held_out['weather'].items()
+    }
+    clean = {
+        sensor: (f'{share:.4%}', f'{dark["clean_rejected"][sensor]:.4%}')
+        for sensor, share in held_out['clean_rejected'].items()
+    }
+    street = {
+        name: (f'{f1:.3f}', f'{dark["street_f1"][name]:.3f}')
+        for name, f1 in held_out['street_f1'].items()
+    }
+    head = ('weather, sensor left out', 'F1', 'best F1', 'good points lost', without)
+    return [
+        _table(head, weather),
+        _table(('clean, sensor left out', 'rejected', without), clean),
+        _table(('street, sensor left out', 'F1', without), street),
+    ]

@@ -2,39 +2,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast the filter is, and how fast a peer on the same cloud in the same run.
 
-Answers are compared first: what is fast and wrong has no speed.
+Tests compare the answers: those of kernels with plain loops, and those of peers with ours.
 """
 
 from __future__ import annotations
 
+import os
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma, Sor
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
-from lidar_outlier_lab.results import peers
+from lidar_outlier_lab.results import markdown, peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from rich.console import Console
+
+    from lidar_outlier_filter.core.annotations import Floats
 
 LINES, SHOTS = 300, 1000
 BLOCK = 20  # lines that the stream hands over at once: 0.1 s at 200 lines/s
@@ -51,6 +56,14 @@ SECONDS = 4.0  # of the demo's drive
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 SLOW = 8  # part of the cloud that slow peers get
 FLOOR = 48  # bytes of a point that are read and written at least
+COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
+MOST_CORES = 2
+PEERS = ('open3d', 'sklearn')
+# What is not compared here, and why.
+OTHERS = (
+    'PCL: its Python bindings are no longer maintained, and need an old release of it',
+    '3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',
+)
 
 
 @dataclass
@@ -93,20 +106,6 @@ def measure(works: Sequence[Work]) -> None:
                 work.seconds.append(perf_counter() - begin)
 
 
-def compare_engines() -> None:
-    """Refuse to time kernels whose answer is not that of the Kalman filter (if installed)."""
-    if find_spec('filterpy') is None:
-        return
-    points = profile_lines(2)
-    answers = []
-    for engine in ('kernel', 'filterpy'):
-        parameters = FilterParameters().changed({'alpha_beta_gamma.engine': engine})
-        answers.append(_smooth(points, parameters))
-    if not np.array_equal(answers[0], answers[1]):
-        differing = int(np.count_nonzero(answers[0] != answers[1]))
-        raise FilterError("the kernel's answer", "the Kalman filter's", f'{differing} others')
-
-
 def profile_lines(count: int, seed: int = 1) -> Points:
     """Make scan lines of a profile scanner over a flat road: 8 mm noise, 1 % outliers above."""
     rng = np.random.default_rng(seed)
@@ -121,14 +120,6 @@ def profile_lines(count: int, seed: int = 1) -> Points:
     return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
 
 
-def compare_sor(xyz: NDArray[np.float64]) -> None:
-    """Refuse to time a SOR whose selection is not that of the method, computed with scipy."""
-    score = sor.detect(Neighbourhood(xyz, NEIGHBOURS), Sor(k=NEIGHBOURS, multiplier=MULTIPLIER))
-    differing = int(np.count_nonzero((score > 1) != peers.sor(xyz, NEIGHBOURS + 1, MULTIPLIER)))
-    if differing:
-        raise FilterError('the selection of SOR', "that of scipy's neighbours", differing)
-
-
 def smoother_work(sides: str) -> Work:
     """Smooth lines block by block: lines, segments, predictions, tests, all passes."""
     points = profile_lines(LINES)
@@ -136,15 +127,16 @@ def smoother_work(sides: str) -> Work:
     blocks = [points.take(slice(i, i + size)) for i in range(0, len(points), size)]
     parameters = FilterParameters().changed({FORM: sides})
     name = f'smoother on lines of {SHOTS} points, sides: {sides}'
-    return Work(name, len(points), lambda: [_smooth(block, parameters) for block in blocks])
+
+    def smooth() -> None:
+        for block in blocks:
+            lines = scan_lines.find_lines(block, parameters.gap_factor)
+            alpha_beta_gamma.detect(block, lines, parameters.of(AlphaBetaGamma))
+
+    return Work(name, len(points), smooth)
 
 
-def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
-    lines = scan_lines.find_lines(points, parameters.gap_factor)
-    return alpha_beta_gamma.detect(points, lines, parameters.of(AlphaBetaGamma)).score > 1
-
-
-def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:
+def spatial_work(xyz: Floats, detector: str) -> Work:
     """Run one spatial detector on the whole cloud at once, its neighbourhood included."""
     parameters = FilterParameters().changed({'chain': [detector]})
     whole = np.zeros(len(xyz), np.int64)
@@ -189,22 +181,17 @@ def stream_work(
     return Work(f'decode → {", ".join(chain)} → split', points, stream)
 
 
-def peer_works(xyz: NDArray[np.float64]) -> list[Work]:
+def peer_works(xyz: Floats) -> list[Work]:
     """Run the peers' detectors on the same points; SciPy's and scikit-learn's on some of them."""
     some = xyz[: len(xyz) // SLOW]
     sor_name = f'SOR({NEIGHBOURS}, {MULTIPLIER})'
     works = []
     if peers.has_open3d():
-        cloud = peers.open3d_cloud(xyz)
-        works.append(
-            Work(
-                f'Open3D: {sor_name}',
-                len(xyz),
-                lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER),
-            )
-        )
-    scipy = Work(f'SciPy: {sor_name}', len(some), lambda: peers.sor(some, NEIGHBOURS, MULTIPLIER))
-    works.append(scipy)
+        remove = peers.open3d_cloud(xyz).remove_statistical_outlier
+        name, call = f'Open3D: {sor_name}', partial(remove, NEIGHBOURS, MULTIPLIER)
+        works.append(Work(name, len(xyz), call))
+    call = partial(peers.sor, some, NEIGHBOURS, MULTIPLIER)
+    works.append(Work(f'SciPy: {sor_name}', len(some), call))
     if find_spec('sklearn') is not None:
         name = f'scikit-learn: LOF({NEIGHBOURS})'
         works.append(Work(name, len(some), lambda: peers.lof(some, NEIGHBOURS)))
@@ -218,9 +205,107 @@ def floor_work(count: int) -> Work:
     return Work(f'copy of {FLOOR} bytes', count, lambda: np.copyto(target, source))
 
 
-def coordinates(messages: list[Any]) -> NDArray[np.float64]:
+def coordinates(messages: list[Any]) -> Floats:
     """Return the returns of clouds (N, 3), metres."""
     parts = [structured(msg).reshape(-1) for msg in messages]
     xyz = np.concatenate([np.stack([part[axis] for axis in 'xyz'], axis=1) for part in parts])
     exact = xyz.astype(np.float64)
     return exact[is_return(exact)]
+
+
+# Tables, for the terminal and for a page
+
+
+def run(console: Console, page: Path | None = None) -> int:
+    """Measure, print tables, and write them where a page is named; return the exit status."""
+    messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
+    xyz = coordinates(messages)
+    parts = [_conditions()]
+    for title, table in _tables(messages, xyz):
+        parts.append(f'## {title}\n\n{table}')
+        console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
+    console.print(parts[0], markup=False, highlight=False)
+    if page is not None:
+        markdown.write(page, 'speed', markdown.paragraphs(*parts), command=COMMAND)
+    return 0
+
+
+def _tables(messages: list[Any], xyz: Floats) -> Iterator[tuple[str, str]]:
+    works = [stream_work(messages, chain) for chain in CHAINS]
+    works += [smoother_work(sides) for sides in SIDES]
+    works += [spatial_work(xyz, name) for name in SPATIAL]
+    works += [*peer_works(xyz), floor_work(len(xyz))]
+    yield 'The demo: a profile scanner', speeds(works)
+    slower = profile_messages(SLOWER)
+    works = [stream_work(slower, CHAINS[0])]
+    name = f'A profile scanner of {SLOWER:.0f} lines × {SHOTS} shots a second'
+    yield name, speeds([*works, *peer_works(coordinates(slower))])
+    for rings, columns in SWEEPS:
+        turns = spinning_messages(rings, columns)
+        works = [stream_work(turns, chain, {}) for chain in CHAINS[:2]]
+        works += peer_works(coordinates(turns[:1]))
+        yield f'Sweeps of {rings} × {columns}', speeds(works)
+    yield 'Growth with the cloud', _growth(xyz)
+
+
+def speeds(works: Sequence[Work]) -> str:
+    """Measure works on one core, and on two where there are; peers are compared on the most."""
+    counts = range(1, min(cores(), MOST_CORES) + 1)
+    every = [
+        [replace(work, call=partial(_on, count, work.call), seconds=[]) for count in counts]
+        for work in works
+    ]
+    measure([one for row in every for one in row])
+    peer = next((row[-1] for row in every if row[-1].name.startswith('Open3D')), None)
+    head = ['', 'points', *(f'{n} core{"s" * (n > 1)}, million/s' for n in counts)]
+    head += ['ns a point', *(['× Open3D'] if peer else [])]
+    rows = []
+    for row in every:
+        most = row[-1]
+        cells = [most.name, f'{most.points:,}', *(f'{one.speed:.2f}' for one in row)]
+        cells += [f'{most.nanoseconds:.0f}', *([f'{most.times(peer):.2f}'] if peer else [])]
+        rows.append(cells)
+    return markdown.table(head, rows)
+
+
+def _on(count: int, call: Callable[[], object]) -> None:
+    with limited(count):
+        call()
+
+
+@contextmanager
+def limited(count: int) -> Iterator[None]:
+    """Leave so many cores to all threads of this process, those of libraries too."""
+    before = os.sched_getaffinity(0)
+    _allow(set(sorted(before)[:count]))
+    try:
+        yield
+    finally:
+        _allow(before)
+
+
+def _allow(allowed: set[int]) -> None:
+    for thread in Path('/proc/self/task').iterdir():
+        with suppress(ProcessLookupError):  # it ended
+            os.sched_setaffinity(int(thread.name), allowed)
+
+
+def _growth(xyz: Floats) -> str:
+    works = [spatial_work(xyz[: len(xyz) // n], name) for name in SPATIAL for n in SHARES]
+    measure(works)
+    rows = []
+    for i in range(0, len(works), len(SHARES)):
+        row = works[i : i + len(SHARES)]
+        rows.append([row[0].name, *(f'{one.nanoseconds:.0f}' for one in row)])
+    head = ['ns a point, of so many', *(f'{one.points:,}' for one in works[: len(SHARES)])]
+    return markdown.table(head, rows)
+
+
+def _conditions() -> str:
+    """Say how it was measured, and which peers are missing."""
+    missing = [f'{name}: not installed' for name in PEERS if find_spec(name) is None]
+    left = '; '.join((*missing, *OTHERS))
+    return (
+        f'{cores()} cores; medians of {ROUNDS} rounds, in which all works take turns. '
+        f'Left out are {left}.'
+    )

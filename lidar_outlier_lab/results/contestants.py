@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,74 +38,64 @@ class Judgement(NamedTuple):
     score: Reals | None
 
 
-class Contestant(Protocol):
-    """Somebody who judges samples."""
+@dataclass(frozen=True)
+class Contestant:
+    """Somebody who judges samples: what the tables call it, which ones suit it, and its verdict."""
 
-    @property
-    def name(self) -> str:
-        """What the tables call it."""
-
-    def suits(self, sample: Sample) -> bool:
-        """Return whether it can judge a sample."""
-
-    def judge(self, sample: Sample) -> Judgement:
-        """Judge all points of a sample, in their order."""
+    name: str
+    suits: Callable[[Sample], bool]
+    judge: Callable[[Sample], Judgement]  # of all points of a sample, in their order
 
 
 @dataclass(frozen=True)
-class Ours:
-    """A set of parameters of this filter: the defaults, some of them changed.
+class Ours(Contestant):
+    """A set of parameters of this filter."""
 
-    Attributes
+    parameters: FilterParameters
+
+
+def ours(
+    name: str,
+    values: Mapping[str, object] | None = None,
+    *,
+    needs_origin: bool = False,
+    only: tuple[str, ...] = (),
+) -> Ours:
+    """Let this filter judge a recording in blocks, as the node, and one cloud whole, as ``clean``.
+
+    Parameters
     ----------
-    name : str
+    name : what the tables call it
     values : parameters by their dotted names; all others are the defaults
     needs_origin : whether it uses the distance from the sensor, which only sweeps in the sensor's
         own frame show
     only : beginnings of names of the samples that it is for; empty: all
 
     """
+    parameters = FilterParameters().changed(values or {})
 
-    name: str
-    values: Mapping[str, object] = field(default_factory=dict)
-    needs_origin: bool = False
-    only: tuple[str, ...] = ()
+    def suits(sample: Sample) -> bool:
+        meant = not only or sample.name.startswith(only)
+        placed = sample.in_own_frame or not needs_origin
+        return meant and placed and sample.suits(parameters.chain)
 
-    @property
-    def parameters(self) -> FilterParameters:
-        """All of its parameters."""
-        return FilterParameters().changed(self.values)
-
-    def suits(self, sample: Sample) -> bool:
-        """Return whether its detectors can look at a sample."""
-        meant = not self.only or sample.name.startswith(self.only)
-        placed = sample.in_own_frame or not self.needs_origin
-        return meant and placed and sample.suits(self.parameters.chain)
-
-    def judge(self, sample: Sample) -> Judgement:
-        """Judge a recording in blocks, as the node does, and one cloud as a whole, as ``clean``."""
-        verdict = sample.data.judge(self.parameters)
+    def judge(sample: Sample) -> Judgement:
+        verdict = sample.data.judge(parameters)
         return Judgement(verdict.rejected, verdict.score)
 
+    return Ours(name, suits, judge, parameters)
 
-@dataclass(frozen=True)
-class Peer:
-    """Somebody else's code, given whole clouds; too large ones are left out."""
 
-    name: str
-    cloud: Judge
-    most: int | None = None
+def peer(name: str, cloud: Judge, most: float = math.inf) -> Contestant:
+    """Let somebody else's code judge cloud by cloud; those of more than ``most`` points not."""
 
-    def suits(self, sample: Sample) -> bool:
-        """Return whether no cloud is too large."""
-        return self.most is None or max(map(len, sample.clouds)) <= self.most
-
-    def judge(self, sample: Sample) -> Judgement:
-        """Judge cloud by cloud."""
-        result = [self.cloud(xyz) for xyz in sample.clouds]
+    def judge(sample: Sample) -> Judgement:
+        result = [cloud(xyz) for xyz in sample.clouds]
         scores = [one.score for one in result if one.score is not None]
         rejected = np.concatenate([one.rejected for one in result])
         return Judgement(rejected, np.concatenate(scores) if scores else None)
+
+    return Contestant(name, lambda sample: max(map(len, sample.clouds)) <= most, judge)
 
 
 # Near to Leslar et al. (2010), whose forms by the letter are on the pages of the papers.
@@ -119,21 +110,21 @@ ALL_THREE = ('alpha_beta_gamma', 'quadric', 'lof')
 RULES = ('`sor`', '`sor`, radius', '`sor` as DROR', '`sor` as DSOR')
 
 OURS: tuple[Ours, ...] = (
-    Ours(DEFAULT),
-    Ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
-    Ours('smoother ±5, σ of each line', {**SMOOTHER, 'chain': ('alpha_beta_gamma',)}),
-    Ours('`quadric`', {'chain': ('quadric',)}),
-    Ours('`quadric`, one surface, `patch`', {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
-    Ours('`quadric`, one surface', {**ONE_SURFACE, 'chain': ('quadric',)}),
-    Ours(
+    ours(DEFAULT),
+    ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
+    ours('smoother ±5, σ of each line', {**SMOOTHER, 'chain': ('alpha_beta_gamma',)}),
+    ours('`quadric`', {'chain': ('quadric',)}),
+    ours('`quadric`, one surface, `patch`', {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
+    ours('`quadric`, one surface', {**ONE_SURFACE, 'chain': ('quadric',)}),
+    ours(
         'smoother ±5, then one surface, `patch`',
         {**SMOOTHER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')},
         only=SMALL_ONES,
     ),
-    Ours('`lof`', {'chain': ('lof',)}),
-    Ours('`sor`', {'chain': ('sor',)}),
-    Ours('`sor`, radius', {'chain': ('sor',), 'sor.statistic': 'radius'}),
-    Ours(
+    ours('`lof`', {'chain': ('lof',)}),
+    ours('`sor`', {'chain': ('sor',)}),
+    ours('`sor`, radius', {'chain': ('sor',), 'sor.statistic': 'radius'}),
+    ours(
         '`sor` as DROR',
         {
             'chain': ('sor',),
@@ -144,7 +135,7 @@ OURS: tuple[Ours, ...] = (
         },
         needs_origin=True,
     ),
-    Ours(
+    ours(
         '`sor` as DSOR',
         {
             'chain': ('sor',),
@@ -155,25 +146,25 @@ OURS: tuple[Ours, ...] = (
         },
         needs_origin=True,
     ),
-    Ours('`hierarchical`', {'chain': ('hierarchical',)}),
-    Ours('`elevation`', {'chain': ('elevation',)}),
-    Ours('`elevation`, k = 60', {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
-    Ours('`alpha_beta_gamma`, `quadric`, `lof`', {'chain': ALL_THREE}),
-    Ours('two of these three (`vote: 2`)', {'chain': ALL_THREE, 'vote': 2}),
+    ours('`hierarchical`', {'chain': ('hierarchical',)}),
+    ours('`elevation`', {'chain': ('elevation',)}),
+    ours('`elevation`, k = 60', {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
+    ours('`alpha_beta_gamma`, `quadric`, `lof`', {'chain': ALL_THREE}),
+    ours('two of these three (`vote: 2`)', {'chain': ALL_THREE, 'vote': 2}),
 )
 
 
-def peers() -> tuple[Peer, ...]:
+def peers() -> tuple[Contestant, ...]:
     """List the peers that are installed."""
-    found: list[Peer] = []
+    found: list[Contestant] = []
     if has_open3d():
         found += [
-            Peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
-            Peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
+            peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
+            peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
         ]
     if find_spec('sklearn') is not None:
         name = f'scikit-learn LOF({NEIGHBOURS}) > {FACTOR}'
-        found.append(Peer(name, _sklearn_lof, MOST))
+        found.append(peer(name, _sklearn_lof, MOST))
     return tuple(found)
 
 

@@ -30,7 +30,7 @@ from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, 
 from lidar_outlier_lab.simulation.world.recording import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -45,7 +45,7 @@ MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may r
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
 PAGE, MOST_DRAWN = 'report.html', 3_000_000
 SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
-FORMS: dict[str, Mapping[str, object]] = {'paper': SMOOTHER, 'default': {}}
+FORMS: dict[str, Mapping[str, object]] = {'paper': {**SENSOR, **SMOOTHER}, 'default': SENSOR}
 
 
 def run(
@@ -70,56 +70,41 @@ def run(
     """
     drive, snow = drive or demo_drive(), snow or snow_drive()
     with _new_folder(output) as folder, _progress(console) as progress:
-        scanned = _scan(folder, drive, progress)
-        snowed = _turn(folder, snow, progress)
+        scanned = _filter(folder / DRIVE, drive, FORMS, progress)
+        with _step(progress, 'drawing'):
+            (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
+            form = list(FORMS)[-1]
+            picture.draw(*_points(folder / form), folder / PICTURE, form)
+            source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
+            write_page(gather(source, CAUSES, MOST_DRAWN), folder / PAGE)
+        snowed = _filter(folder / SNOW, snow, {SNOW_FILTERED: {}}, progress, lines_per_message=1)
+        with _step(progress, 'drawing snow'):
+            turn = _points(folder / SNOW_FILTERED, number=snow.lines // 2)
+            picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
     _report(console, drive, *scanned)
     _report_snow(console, snow, *snowed)
     _list(console, output)
     return 0
 
 
-def _scan(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, dict[str, Evaluation]]:
-    """Make everything that the demo leaves of the profile scanner."""
-    task = progress.add_task('simulating', total=1.0)
-    truth = record(
-        drive, folder / DRIVE, progress=lambda done: progress.update(task, completed=done)
-    )
-    for form, values in FORMS.items():
-        _filter(folder / DRIVE, folder / form, {**SENSOR, **values}, progress)
-    task = progress.add_task('scoring and drawing', total=None)
-    results = {form: evaluate(read_recording(folder / form), CAUSES) for form in FORMS}
-    form = list(FORMS)[-1]
-    picture.draw(*_points(folder / form), folder / PICTURE, form)
-    progress.update(task, total=1.0, completed=1.0)
-    (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
-    _write_page(folder, progress)
+def _filter(
+    bag: Path,
+    drive: Drive,
+    forms: Mapping[str, Mapping[str, object]],
+    progress: Progress,
+    lines_per_message: int = 10,
+) -> tuple[Truth, dict[str, Evaluation]]:
+    """Record a drive, filter it in each form into a folder beside it, and score each."""
+    with _step(progress, f'simulating, {bag.name}') as show:
+        truth = record(
+            drive, bag, lines_per_message=lines_per_message, progress=lambda done: show(done, 1)
+        )
+    results = {}
+    for form, values in forms.items():
+        with _step(progress, f'filtering, {form}') as show:
+            replay(bag, bag.parent / form, parameters=values, progress=show)
+            results[form] = evaluate(read_recording(bag.parent / form), CAUSES)
     return truth, results
-
-
-def _write_page(folder: Path, progress: Progress) -> None:
-    """Make the page on the drive of the profile scanner."""
-    task = progress.add_task('making the page', total=None)
-    source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
-    write_page(gather(source, CAUSES, MOST_DRAWN), folder / PAGE)
-    progress.update(task, total=1.0, completed=1.0)
-
-
-def _turn(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, Evaluation]:
-    """Make everything that it leaves of the sensor that spins; draw the turn in the middle."""
-    task = progress.add_task('simulating snow', total=1.0)
-    truth = record(
-        drive,
-        folder / SNOW,
-        lines_per_message=1,
-        progress=lambda done: progress.update(task, completed=done),
-    )
-    _filter(folder / SNOW, folder / SNOW_FILTERED, {}, progress)
-    task = progress.add_task('scoring and drawing', total=None)
-    result = evaluate(read_recording(folder / SNOW_FILTERED), CAUSES)
-    turn = _points(folder / SNOW_FILTERED, number=drive.lines // 2)
-    picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
-    progress.update(task, total=1.0, completed=1.0)
-    return truth, result
 
 
 def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void], Bools]:
@@ -133,21 +118,17 @@ def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void
     return np.concatenate(points), np.concatenate(rejected)
 
 
-def _filter(
-    recording: Path, output: Path, parameters: Mapping[str, object], progress: Progress
-) -> None:
-    task = progress.add_task(f'filtering, {output.name}', total=None)
-    replay(
-        recording,
-        output,
-        parameters=parameters,
-        progress=lambda done, total: progress.update(task, completed=done, total=total),
-    )
-
-
 def _progress(console: Console) -> Progress:
     name = TextColumn('{task.description}')
     return Progress(name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), console=console)
+
+
+@contextmanager
+def _step(progress: Progress, name: str) -> Iterator[Callable[[float, float], None]]:
+    """Show a step, which is done at the end; gives what shows how much of it is done."""
+    task = progress.add_task(name, total=None)
+    yield lambda done, total: progress.update(task, completed=done, total=total)
+    progress.update(task, total=1.0, completed=1.0)
 
 
 @contextmanager
@@ -177,32 +158,37 @@ def _check(output: Path) -> None:
 
 
 def _report(console: Console, drive: Drive, truth: Truth, results: dict[str, Evaluation]) -> None:
-    outliers = next(iter(results.values())).whole.outliers
     seconds = drive.lines / drive.sensor.lines_per_second
-    for text in (
+    _print(
+        console,
         '',
         f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {truth.points} points,',
-        f'{outliers} ({100 * outliers / max(truth.points, 1):.2f} %) of them outliers.',
+        f'{truth.outliers} ({100 * truth.outliers / max(truth.points, 1):.2f} %) of them outliers.',
         '',
         'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), which looks',
         f'along each line. default: by {", ".join(FilterParameters().chain)}.',
         '',
-    ):
-        console.print(text, soft_wrap=True, highlight=False)
+    )
     console.print(summary(results))
 
 
-def _report_snow(console: Console, drive: Drive, truth: Truth, result: Evaluation) -> None:
+def _report_snow(
+    console: Console, drive: Drive, truth: Truth, results: dict[str, Evaluation]
+) -> None:
     share = 100 * truth.outliers / max(truth.points, 1)
-    for text in (
+    _print(
+        console,
         '',
         f'Simulated {drive.lines} turns of a sensor that spins, on the same street in snow:',
         f'{truth.points} points, {truth.outliers} ({share:.2f} %) of them outliers.',
         '',
-    ):
-        console.print(text, soft_wrap=True, highlight=False)
-    console.print(summary({'default': result}))
+    )
+    console.print(summary({'default': results[SNOW_FILTERED]}))
     console.print()
+
+
+def _print(console: Console, *lines: str) -> None:
+    console.print('\n'.join(lines), soft_wrap=True, highlight=False)
 
 
 def _list(console: Console, output: Path) -> None:
@@ -218,33 +204,36 @@ def _list(console: Console, output: Path) -> None:
         PARAMETERS: 'the parameters; change them and try again:',
     }
     width = max(len(str(output / name)) for name in left)
-    for name, text in left.items():
-        console.print(f'{output / name!s:{width}}  {text}', soft_wrap=True, highlight=False)
+    _print(console, *(f'{output / name!s:{width}}  {text}' for name, text in left.items()))
     files = f'{output / DRIVE} --params {output / PARAMETERS}'
     command = f'scripts/environment lidar-outlier-filter replay {files}'
-    console.print(f'{"":{width}}  {command}', soft_wrap=True, highlight=False)
+    _print(console, f'{"":{width}}  {command}')
 
 
 def summary(results: Mapping[str, Evaluation]) -> Table:
     """Lay out several runs on the same recording beside each other, one column each."""
-    answer = Table(title_justify='left', box=None, pad_edge=False, header_style='bold')
-    answer.add_column('')
+    runs = list(results.values())
+    answer = Table('', title_justify='left', box=None, pad_edge=False, header_style='bold')
     for name in results:
         answer.add_column(name, justify='right')
-    runs = list(results.values())
-
-    def row(name: str, texts: list[str], style: str = '') -> None:
-        answer.add_row(name, *texts, style=style)
-
-    row('precision', [percent(run.whole.precision.ratio) for run in runs], 'bold')
-    row('recall', [percent(run.whole.recall.ratio) for run in runs], 'bold')
-    row('F1', [percent(run.whole.f1) for run in runs], 'bold')
-    row('outliers found', [_of(run.whole.recall) for run in runs])
-    for name in dict.fromkeys(name for run in runs for name in run.causes):
-        row(f'  {name}', [_of(run.causes.get(name, Share(0, 0))) for run in runs], 'dim')
-    row('good points lost', [_of(run.whole.false_rejections) for run in runs])
-    for name in dict.fromkeys(name for run in runs for name in run.surfaces):
-        row(f'  {name}', [_of(run.surfaces.get(name, Share(0, 0))) for run in runs], 'dim')
+    for name, figures in (
+        ('precision', [run.whole.precision.ratio for run in runs]),
+        ('recall', [run.whole.recall.ratio for run in runs]),
+        ('F1', [run.whole.f1 for run in runs]),
+    ):
+        answer.add_row(name, *map(percent, figures), style='bold')
+    for name, wholes, parts in (
+        ('outliers found', [run.whole.recall for run in runs], [run.causes for run in runs]),
+        (
+            'good points lost',
+            [run.whole.false_rejections for run in runs],
+            [run.surfaces for run in runs],
+        ),
+    ):
+        answer.add_row(name, *map(_of, wholes))
+        for part in dict.fromkeys(part for one in parts for part in one):
+            cells = (_of(one.get(part, Share(0, 0))) for one in parts)
+            answer.add_row(f'  {part}', *cells, style='dim')
     return answer
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 
-    Panel = Callable[[Axes, Floats, Floats, Bools | None, list[tuple[Bools, str]]], str]
+    Panel = Callable[[Axes, 'Shown'], str]
+    View = tuple[tuple[float, ...], tuple[float, ...]]  # the eye's place, and what it looks at
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small
@@ -37,25 +38,38 @@ PROFILE_HALF_WIDTH = 3.0  # metres to both sides of the driven line
 PLAN, PLAN_AHEAD = 60.0, 32.0  # metres: length of a plan, and how much of it lies ahead
 
 
-def draw(points: NDArray[np.void], rejected: Bools, path: Path, title: str = '') -> None:
+class Shown(NamedTuple):
+    """What a panel shows of N points.
+
+    Attributes
+    ----------
+    xyz : (3, N) float64, metres
+    brightness : (N,) float64, 0 to 1
+    grey : (N,) bool, the points in grey; None: all, as a pale ground to find one's way on
+    coloured : masks (N,) with their colours, drawn over it
+
+    """
+
+    xyz: Floats
+    brightness: Floats
+    grey: Bools | None
+    coloured: list[tuple[Bools, str]]
+
+
+def draw(points: Rows, rejected: Bools, path: Path, title: str = '') -> None:
     """Draw a street in perspective, and the air above its road from the side; see :func:`_draw`."""
     middle = float(np.median(points['x']))
-    eye, goal = (middle - 28.0, -2.6, 7.0), (middle + 4.0, 0.3, 1.2)
-    _draw(points, rejected, path, title, (eye, goal), _profile)
+    view = ((middle - 28.0, -2.6, 7.0), (middle + 4.0, 0.3, 1.2))
+    _draw(points, rejected, title, view, _profile, path)
 
 
-def draw_sweep(points: NDArray[np.void], rejected: Bools, path: Path, title: str = '') -> None:
+def draw_sweep(points: Rows, rejected: Bools, path: Path, title: str = '') -> None:
     """Draw a sweep in perspective and from above, in its sensor's frame; see :func:`_draw`."""
-    _draw(points, rejected, path, title, ((-21.0, -5.0, 8.5), (8.0, 0.5, 0.0)), _plan)
+    _draw(points, rejected, title, ((-21.0, -5.0, 8.5), (8.0, 0.5, 0.0)), _plan, path)
 
 
 def _draw(  # noqa: PLR0913  what makes a picture
-    points: NDArray[np.void],
-    rejected: Bools,
-    path: Path,
-    title: str,
-    view: tuple[tuple[float, ...], tuple[float, ...]],
-    beside: Panel,
+    points: Rows, rejected: Bools, title: str, view: View, beside: Panel, path: Path
 ) -> None:
     """Draw three rows, before, cleaned and outliers, each in perspective and otherwise, as PNG.
 
@@ -63,9 +77,10 @@ def _draw(  # noqa: PLR0913  what makes a picture
     ----------
     points : (N,) structured, with x, y, z (metres), intensity and label
     rejected : (N,) bool
-    path, title : of the file, and at its top
+    title : at the top
     view : where the eye is in perspective, and what it looks at
-    beside : draws the panel beside
+    beside : draws the panel beside, and returns the label of its x axis
+    path : of the file
 
     """
     xyz = np.stack([points[axis] for axis in 'xyz']).astype(np.float64)
@@ -82,8 +97,9 @@ def _draw(  # noqa: PLR0913  what makes a picture
     for (name, grey, coloured), bottom in zip(rows, bottoms, strict=True):
         scene = figure.add_axes((0.012, bottom, VIEW_WIDTH, 0.265))
         other = figure.add_axes((VIEW_WIDTH + 0.065, bottom + 0.02, 0.92 - VIEW_WIDTH, 0.235))
-        _perspective(scene, xyz, brightness, grey, coloured, view)
-        below = beside(other, xyz, brightness, grey, coloured)
+        shown = Shown(xyz, brightness, grey, coloured)
+        _perspective(scene, shown, view)
+        below = beside(other, shown)
         _frame(other)
         scene.set_title(name, loc='left', fontsize=15, fontweight='bold', color=INK, pad=4)
     other.set_xlabel(below, fontsize=12, color=INK, labelpad=1)
@@ -110,28 +126,21 @@ def _brightness(intensity: Floats) -> Floats:
     return 0.45 + 0.4 * np.sqrt(scaled)
 
 
-def _perspective(  # noqa: PLR0913  one panel's whole content
-    axes: Axes,
-    xyz: Floats,
-    brightness: Floats,
-    grey: Bools | None,
-    coloured: list[tuple[Bools, str]],
-    view: tuple[tuple[float, ...], tuple[float, ...]],
-) -> None:
+def _perspective(axes: Axes, shown: Shown, view: View) -> None:
     """Look from a position to another."""
     eye, goal = np.array(view[0]), np.array(view[1])
     forward = (goal - eye) / np.linalg.norm(goal - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
-    seen = xyz - eye[:, None]
+    seen = shown.xyz - eye[:, None]
     depth = forward @ seen
     front = depth > 1.0
     u = right @ seen / np.where(front, depth, 1.0)
     v = up @ seen / np.where(front, depth, 1.0)
     order = np.argsort(-depth, kind='stable')
     order = order[front[order]]
-    _scatter(axes, u, v, brightness, grey, coloured, order)
+    _scatter(axes, (u, v), shown, order)
     axes.set_xlim(-FIELD_OF_VIEW, FIELD_OF_VIEW)
     box = axes.get_position()
     tall = FIELD_OF_VIEW * (box.height * HEIGHT) / (box.width * WIDTH)
@@ -139,34 +148,22 @@ def _perspective(  # noqa: PLR0913  one panel's whole content
     axes.axis('off')
 
 
-def _profile(
-    axes: Axes,
-    xyz: Floats,
-    brightness: Floats,
-    grey: Bools | None,
-    coloured: list[tuple[Bools, str]],
-) -> str:
+def _profile(axes: Axes, shown: Shown) -> str:
     """Look from the side at what is above the driven lane, heights exaggerated."""
-    driven = np.median(xyz[1][xyz[2] < LOW])
-    lane = np.abs(xyz[1] - driven) < PROFILE_HALF_WIDTH
+    x, y, z = shown.xyz
+    lane = np.abs(y - np.median(y[z < LOW])) < PROFILE_HALF_WIDTH
     order = np.flatnonzero(lane)
-    _scatter(axes, xyz[0], xyz[2], brightness, grey, coloured, order)
-    axes.set_xlim(*np.percentile(xyz[0][order], [0.5, 99.5]))
+    _scatter(axes, (x, z), shown, order)
+    axes.set_xlim(*np.percentile(x[order], [0.5, 99.5]))
     axes.set_ylim(-0.12, 1.75)
     axes.set_ylabel('height, m', fontsize=12, color=INK, labelpad=3)
     return 'along the street, m'
 
 
-def _plan(
-    axes: Axes,
-    xyz: Floats,
-    brightness: Floats,
-    grey: Bools | None,
-    coloured: list[tuple[Bools, str]],
-) -> str:
+def _plan(axes: Axes, shown: Shown) -> str:
     """Look from above, as long as wide in metres."""
-    order = np.argsort(xyz[2], kind='stable')
-    _scatter(axes, xyz[0], xyz[1], brightness, grey, coloured, order)
+    order = np.argsort(shown.xyz[2], kind='stable')
+    _scatter(axes, (shown.xyz[0], shown.xyz[1]), shown, order)
     box = axes.get_position()
     half = PLAN / 2.0 * (box.height * HEIGHT) / (box.width * WIDTH)
     axes.set_xlim(PLAN_AHEAD - PLAN, PLAN_AHEAD)
@@ -183,33 +180,18 @@ def _frame(axes: Axes) -> None:
         axes.spines[side].set_color('#9aa0a6')
 
 
-def _scatter(  # noqa: PLR0913  one panel's whole content
-    axes: Axes,
-    u: Floats,
-    v: Floats,
-    brightness: Floats,
-    grey: Bools | None,
-    coloured: list[tuple[Bools, str]],
-    order: NDArray[np.intp],
+def _scatter(
+    axes: Axes, flat: tuple[Floats, Floats], shown: Shown, order: NDArray[np.intp]
 ) -> None:
     """Draw the points of ``order``: greys first, then the coloured ones over them."""
-    # Without a cloud of its own a panel shows all of it, as a pale ground to find one's way on.
-    shown = order if grey is None else order[grey[order]]
-    shade = np.full(len(shown), 0.93) if grey is None else brightness[shown]
+    u, v = flat
+    some = order if shown.grey is None else order[shown.grey[order]]
+    shade = np.full(len(some), 0.93) if shown.grey is None else shown.brightness[some]
     size = (72.0 / DPI) ** 2
-    wide = 1.0 if len(brightness) > SPARSE else 2.5
-    axes.scatter(
-        u[shown],
-        v[shown],
-        s=wide * size,
-        c=shade,
-        cmap='gray',
-        vmin=0,
-        vmax=1,
-        marker='s',
-        linewidths=0,
-    )
-    for mask, colour in coloured:
+    wide = size * (1.0 if len(shown.brightness) > SPARSE else 2.5)
+    grey: dict[str, Any] = {'cmap': 'gray', 'vmin': 0, 'vmax': 1, 'marker': 's', 'linewidths': 0}
+    axes.scatter(u[some], v[some], s=wide, c=shade, **grey)
+    for mask, colour in shown.coloured:
         some = order[mask[order]]
         axes.scatter(u[some], v[some], s=5 * size, c=colour, marker='o', linewidths=0)
 

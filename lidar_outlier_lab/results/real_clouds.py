@@ -19,7 +19,7 @@ from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.tuning.training import Training, from_file
 from lidar_outlier_lab.results.contest import Standing, score
-from lidar_outlier_lab.results.contest_tables import details, worse
+from lidar_outlier_lab.results.contest_page import details, leads
 from lidar_outlier_lab.results.contestants import DEFAULT, OURS, peers
 from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table
 from lidar_outlier_lab.results.samples import Sample
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lidar_outlier_filter.core.annotations import Progress
-    from lidar_outlier_lab.results.contestants import Contestant, Ours
+    from lidar_outlier_lab.results.contestants import Ours
 
 NOISE = Codes(frozenset({7, 18, 65}))  # LAS: low noise, high noise, IGN's artefacts
 RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
@@ -68,7 +68,7 @@ def labelled(path: Path) -> Sample | None:
 def _labelled(folder: Path, progress: Progress) -> str:
     found: dict[str, dict[str, Standing]] = {}
     counts = []
-    everybody: list[Contestant] = [*OURS, *peers()]
+    everybody = [*OURS, *peers()]
     for path in sorted([*folder.glob('*.las'), *folder.glob('*.laz')]):
         sample = labelled(path)
         if sample is None:
@@ -94,7 +94,7 @@ def _labelled(folder: Path, progress: Progress) -> str:
         f'least {percent(LEAST_FOUND)} found and at most {percent(MOST_LOST)} lost. It is reached '
         f'by: {"; ".join(reached) if reached else "none"}.',
         'Where others have a higher F1 than the default:',
-        worse(found, DEFAULT, [one.name for one in everybody if one.name != DEFAULT]),
+        leads(found, [DEFAULT], [one.name for one in everybody if one.name != DEFAULT]),
         details(found, [one.name for one in everybody]),
     )
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The clouds that can be simulated by name. What makes them is imported when they are made."""
+"""The clouds and the weathers that can be simulated by name. Their makers are imported late."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PRESETS = {
         'papers.bus_tracks.lines', 'positions of two bus lines, 2-D and 3-D', is_named=False
     ),
     'sotoodeh-hod': Preset(
-        'papers.sotoodeh_cloud.cloud', '656 points, 84 outliers', is_named=False
+        'papers.sotoodeh_clusters.cloud', '656 points, 84 outliers', is_named=False
     ),
     'kang-urban': Preset(_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
     'kang-mountain': Preset(_FLIGHT, 'mountains from the air; 1 000 000 points, 0.024 %'),
@@ -86,3 +86,17 @@ def make(
     arguments = (name,) if preset.is_named else ()
     clouds: Iterator[Cloud] = maker(*arguments, seed, share, progress)
     return clouds
+
+
+WEATHER_NAMES = {
+    'light_snow': 'snow of 0.05 to 0.4 mm/h of water',
+    'heavy_snow': 'snow of 0.6 to 5 mm/h of water',
+    'rain': 'rain of 5 to 80 mm/h',
+    'fog': 'uneven fog, 25 to 150 m of sight',
+    'spray': 'water behind the wheels of vehicles',
+    'dust': 'broad plumes behind vehicles',
+    'exhaust': 'small, dense clouds near the ground',
+    'mixed': 'points between two surfaces at edges',
+    'ghosts': 'points mirrored by panes and by water',
+}
+RETURN_NAMES = ('strongest', 'first', 'last', 'dual')

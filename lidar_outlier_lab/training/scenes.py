@@ -19,9 +19,9 @@ from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_lab.simulation import presets
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import Optics, find_beams
-from lidar_outlier_lab.simulation.weather.brightness import Brightness
 from lidar_outlier_lab.simulation.weather.echoes import measured
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS, make_both
+from lidar_outlier_lab.simulation.weather.labelled_cloud import Brightness
 from lidar_outlier_lab.simulation.world.recording import to_message
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.train import Sweep

@@ -14,11 +14,9 @@ from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
-from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, count
-from lidar_outlier_lab.results.papers.methods import METHODS
-from lidar_outlier_lab.results.papers.panels import PointPanel, draw, view
+from lidar_outlier_lab.results.papers.methods import METHODS, NONE_OF_ITS_PRESETS, count
+from lidar_outlier_lab.results.papers.panels import PointPanel, draw, draw_lines, view
 from lidar_outlier_lab.results.papers.published import KANG
 from lidar_outlier_lab.results.samples import simulated
 

@@ -13,10 +13,17 @@ from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
-from lidar_outlier_lab.results.papers import leslar_picture
-from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
-from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
+from lidar_outlier_lab.results.papers import panels
+from lidar_outlier_lab.results.papers.methods import (
+    CLASSIC,
+    METHODS,
+    NONE_OF_ITS_PRESETS,
+    SMOOTHER,
+    Counted,
+    count,
+)
 from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
 from lidar_outlier_lab.results.samples import simulated
 
@@ -27,6 +34,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Progress
 
     Table = Mapping[str, Sequence[Counted]]  # by the name of a form; of A, B and C
+    from collections.abc import Mapping, Sequence
+
+    from lidar_outlier_filter.core.annotations import Bools, Floats
+    from lidar_outlier_lab.results.samples import Sample
+
 
 CLOUDS = ('leslar-a', 'leslar-b', 'leslar-c')
 TITLES = {
@@ -76,8 +88,8 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
             progress(done, len(clouds) * len(FORMS), f'{name} on {cloud}')
             found[name].append(count(sample, values))
         shown = {name: found[name][-1].rejected for name in SHOWN}
-        strips.append((cloud, leslar_picture.strip(sample, shown)))
-    leslar_picture.draw(strips, folder / 'leslar2010_figure_3.png')
+        strips.append((cloud, cut_strip(sample, shown)))
+    draw_strips(strips, folder / 'leslar2010_figure_3.png')
     letters = [cloud[-1].upper() for cloud in clouds]
     return paragraphs(
         f'Seed {seed}. The clouds have as many points and outliers as those of table 1.',
@@ -204,3 +216,65 @@ def _asphalt() -> str:
         'is within 18 mm of the surface; so near does the quadric come. A plane does not.',
         table(('noise', '`quadric`', '(b): found', '(b): wrong', '(c): found', '(c): wrong'), rows),
     )
+
+
+LENGTH = 14.0  # metres of a profile
+HALF = 2.5  # metres to both sides of the middle of the outliers
+LOW, HIGH = -0.15, 2.2  # metres
+ROW = 2.2  # inches
+SHORT_TITLES = {'a': '(a)', 'b': '(b)', 'c': '(c)', 'ab': '(a), then (b)'}
+
+
+class Strip(NamedTuple):
+    """A stretch of a road seen from the side.
+
+    Attributes
+    ----------
+    flat : (M, 2) float64
+        Along the street and up, metres.
+    bad : (M,) bool
+    rejected : verdicts (M,) by method
+
+    """
+
+    flat: Floats
+    bad: Bools
+    rejected: Mapping[str, Bools]
+
+
+def cut_strip(sample: Sample, rejected: Mapping[str, Bools]) -> Strip:
+    """Cut out the stretch of a street that has the most outliers: the road and what is above it.
+
+    The street runs along x; what stands beside the road is left out.
+    """
+    (xyz,) = sample.clouds
+    bad = sample.data.bad
+    on_road = bad if sample.surface is None else sample.surface == Kind.ROAD
+    outliers = xyz[bad]
+    starts = np.arange(xyz[:, 0].min(), max(xyz[:, 0].max() - LENGTH, xyz[:, 0].min()) + 1.0)
+    inside = [
+        np.count_nonzero((outliers[:, 0] >= x) & (outliers[:, 0] < x + LENGTH)) for x in starts
+    ]
+    begin = starts[int(np.argmax(inside))]
+    along = (xyz[:, 0] >= begin) & (xyz[:, 0] < begin + LENGTH)
+    middle = float(np.median(xyz[along & bad, 1])) if (along & bad).any() else 0.0
+    shown = along & (np.abs(xyz[:, 1] - middle) < HALF) & (bad | on_road)
+    flat = np.stack([xyz[shown, 0] - begin, xyz[shown, 2]], axis=1)
+    return Strip(flat, bad[shown], {name: one[shown] for name, one in rejected.items()})
+
+
+def draw_strips(strips: Sequence[tuple[str, Strip]], path: Path) -> None:
+    """Draw a row for each cloud: before, and after each method."""
+    rows = []
+    for name, one in strips:
+        after = {
+            SHORT_TITLES.get(title, title.partition(',')[0]): r for title, r in one.rejected.items()
+        }
+        every = {'before': np.zeros(len(one.bad), np.bool_), **after}
+        rows.append(
+            [
+                panels.view(f'{name[-1].upper()}: {title}', one.flat, one.bad, ~rejected)
+                for title, rejected in every.items()
+            ]
+        )
+    panels.draw(rows, path, ('along, m', 'height, m'), ROW, ((0.0, LENGTH), (LOW, HIGH)))

@@ -11,10 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -143,3 +144,36 @@ def draw_images(images: Sequence[GreyImage], path: Path) -> None:
         axes.set_ylabel('row', fontsize=9, color=INK)
         _dress(axes, one.title)
     save(canvas, path, COLOURS)
+
+
+def draw_lines(  # noqa: PLR0913  all that a plain picture needs
+    series: Mapping[str, Sequence[float]],
+    x: Sequence[float],
+    path: Path,
+    *,
+    x_label: str,
+    y_label: str,
+    from_zero: bool = False,
+) -> None:
+    """Draw figures against a parameter, such as the area under the ROC curve against k.
+
+    Parameters
+    ----------
+    series : values at each x, by the name that the legend gives them; NaN leaves a gap
+    x : ascending
+    path : without suffix
+    x_label, y_label : with units
+    from_zero : let both axes begin at 0
+
+    """
+    plots.check(series)
+    figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
+    axes = figure.subplots()
+    for number, (name, values) in enumerate(series.items()):
+        axes.plot(x, values, label=name, marker='o', markersize=4, **plots.look_of(number))
+    plots.dress(axes, x_label, y_label)
+    if from_zero:
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+    plots.legend(figure, axes, 'best')
+    plots.save(figure, path)

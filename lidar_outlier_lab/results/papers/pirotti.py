@@ -12,10 +12,10 @@ from scipy.special import poch
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
-from lidar_outlier_lab.results.papers import pcl_lof, pirotti_buses
-from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
+from lidar_outlier_lab.results.papers import pirotti_buses
+from lidar_outlier_lab.results.papers.methods import NONE_OF_ITS_PRESETS
+from lidar_outlier_lab.results.papers.panels import draw_lines
 from lidar_outlier_lab.results.papers.published import PIROTTI_CLUSTERED, PIROTTI_LIMITS
 from lidar_outlier_lab.results.papers.roc import (
     CLOSE,
@@ -23,6 +23,7 @@ from lidar_outlier_lab.results.papers.roc import (
     STATISTICS,
     Found,
     explore,
+    measure_pcl,
     statistics,
 )
 from lidar_outlier_lab.simulation.papers import aerial
@@ -48,7 +49,7 @@ PAIRS = (('SOR', 'SOR2'), ('LOF', 'LOF2'), (PCL, PCL2))
 
 def with_pcl(near: Neighbourhood, k: int) -> dict[str, Floats]:
     """Measure every point in the four ways of the paper, and by the code that it names."""
-    factor = pcl_lof.measure(near, k)
+    factor = measure_pcl(near, k)
     return {**statistics(near, k), PCL: factor, PCL2: np.abs(factor - np.median(factor))}
 
 

@@ -11,7 +11,10 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
+from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.messages.truth import Cause
 
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats
 
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
+    from lidar_outlier_filter.core.annotations import Floats, Index
+
 
 STATISTICS = ('SOR', 'SOR2', 'LOF', 'LOF2')
 CLOSE = 0.001  # false rejections at which statistics are compared; the paper has none to name
@@ -134,3 +139,37 @@ def _at_best(roc: Curve, bad: Bools, score: Floats, single: Bools, clustered: Bo
 def _share(of: Bools, which: Bools) -> Share:
     """Return how many of some points are others, too."""
     return Share(int(np.sum(of & which)), int(np.sum(of)))
+
+
+def measure_pcl(near: Neighbourhood, k: int) -> Floats:
+    """Return the factor of every point, (N,) as given; no k points may coincide, k at least 2."""
+    others = near.nearest(k - 1).index
+    density = _densities(near.xyz, others, squared_k_distances(near, k - 1))
+    factor = np.empty(len(near))
+    factor[near.order] = _factors(others, density)
+    return factor
+
+
+@kernel
+def _densities(xyz: Floats, others: Index, square: Floats) -> Floats:
+    """Divide 1 by the mean squared reach distance; the first is that of a point from itself."""
+    density = np.empty(len(xyz))
+    for p in range(len(xyz)):
+        total = square[p]
+        for m in range(others.shape[1]):
+            o = others[p, m]
+            total += max(square[o], squared(xyz, p, o))
+        density[p] = (others.shape[1] + 1) / total
+    return density
+
+
+@kernel
+def _factors(others: Index, density: Floats) -> Floats:
+    """Divide the mean density of the neighbours, the point among them, by its own."""
+    factor = np.empty(len(density))
+    for p in range(len(density)):
+        total = density[p]
+        for m in range(others.shape[1]):
+            total += density[others[p, m]]
+        factor[p] = total / (others.shape[1] + 1) / density[p]
+    return factor

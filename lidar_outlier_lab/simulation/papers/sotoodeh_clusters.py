@@ -14,8 +14,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_lab.simulation.world.recording import START, Cloud
+from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from lidar_outlier_filter.core.annotations import Bools, Floats
+
 
 GOOD, STRAY, CLUSTERS, NEAR_STRAY, NEAR_CLUSTER = 572, 36, (13, 13, 13), 4, 5
 FAR = (0.8, np.inf)  # metres from the nearest good point
@@ -105,3 +113,22 @@ def _scatter(
         if between[0] < np.linalg.norm(good - point, axis=1).min() < between[1]:
             found.append(point)
     return np.array(found)
+
+
+SINGLES = STRAY + NEAR_STRAY  # the first of the outliers
+
+
+def cloud(seed: int, share: float | None, progress: Callable[[float], object]) -> Iterator[Cloud]:
+    """Simulate Sotoodeh's cloud, all of one instant (t = 0); its share of outliers is fixed."""
+    if share is not None:
+        raise FilterError('the share', 'left as it is in this preset', share)
+    scene = simulate(seed)
+    points = np.zeros(len(scene.xyz), np.dtype([*FIRST, *TRUTH]))
+    for axis, name in enumerate('xyz'):
+        points[name] = scene.xyz[:, axis]
+    rank = np.cumsum(scene.outlier)
+    cause = np.where(rank <= SINGLES, Cause.SINGLE, Cause.CLUSTER)
+    points['label'] = np.where(scene.outlier, cause, Cause.GOOD)
+    points['surface'] = np.where(scene.outlier, Kind.AIR, Kind.FACADE)
+    progress(1.0)
+    yield Cloud(START, START, points)

@@ -19,7 +19,7 @@ from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
 from lidar_outlier_lab.simulation.world.recording import messages
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import BarrierArm
+from lidar_outlier_lab.simulation.world.surfaces import barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_lab.simulation.world.particles import Puff
     from lidar_outlier_lab.simulation.world.recording import Cloud
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 LONGEST = 60.0  # seconds that a drive may take to give its points
 
@@ -127,7 +128,7 @@ def plan(how: Survey, seed: int) -> Drive:
     )
 
 
-def _arm(town: Town, speed: float, rng: np.random.Generator) -> BarrierArm:
+def _arm(town: Town, speed: float, rng: np.random.Generator) -> Surface:
     """Let a barrier across the other lane open or close while one passes it."""
     length, y = town.half_road - rng.uniform(0.2, 0.6), town.half_road - 0.3
     x = speed * rng.uniform(0.3, 0.6) - 3.0
@@ -135,7 +136,7 @@ def _arm(town: Town, speed: float, rng: np.random.Generator) -> BarrierArm:
     late = (x + 1.0 + y - length / 2.0 - LANES[0]) / speed
     rate = rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
     angle = rng.uniform(0.5, 1.0) - rate * late
-    return BarrierArm((x, y, 1.0), length, angle, rate, radius=0.03)
+    return barrier_arm((x, y, 1.0), length, angle, rate, radius=0.03)
 
 
 def _route(how: Survey, speed: float, rng: np.random.Generator) -> Route:

@@ -16,9 +16,10 @@ import numpy as np
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, simulate
+from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import Box, Ground, Tube
+from lidar_outlier_lab.simulation.world.surfaces import box, ground, tube
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.scene import Air, Rays, Surface
+    from lidar_outlier_lab.simulation.world.scene import Air
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 
 NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)
@@ -79,26 +81,6 @@ class Tripod:
         return np.tile(np.eye(3)[:, :, None], len(t))
 
 
-@dataclass(frozen=True)
-class Flakes:
-    """Something that falls, seen by chance: ``density / (1 + (range / fade)²)`` for each metre."""
-
-    density: float = 0.0005
-    fade: float = 15.0
-
-    @property
-    def cause(self) -> Cause:
-        """They are snow."""
-        return Cause.SNOW
-
-    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
-        """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
-        depth = -np.log1p(-rng) / (self.density * self.fade)
-        falls = depth < np.pi / 2.0
-        far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
-        return np.where(far < reach, far, np.inf)
-
-
 def scan(
     surfaces: Sequence[Surface],
     position: tuple[float, float, float],
@@ -140,30 +122,30 @@ def room(seed: int, rows: int = 240, columns: int = 1440) -> RangeImage:
     x, y, tall = 3.4, 2.8, 2.6
     wall, wide = Kind.FACADE, 0.1
     surfaces: list[Surface] = [
-        Ground(-x, x, y, kind=Kind.ROAD),
-        Box((-x, -y, tall), (x, y, tall + wide), wall, BRIGHT),
-        *(Box((s * x, -y, 0.0), (s * x + wide, y, tall), wall, BRIGHT) for s in (-1.03, 1)),
-        *(Box((-x, s * y, 0.0), (x, s * y + wide, tall), wall, BRIGHT) for s in (-1.03, 1)),
-        Box((1.3, -1.3, 0.70), (2.1, 1.3, 0.74), Kind.SIGN, 0.5),
-        Box((x - 0.05, -0.2, 1.4), (x, 0.9, 2.1), Kind.GLASS, DARK),
+        ground(-x, x, y, kind=Kind.ROAD),
+        box((-x, -y, tall), (x, y, tall + wide), wall, BRIGHT),
+        *(box((s * x, -y, 0.0), (s * x + wide, y, tall), wall, BRIGHT) for s in (-1.03, 1)),
+        *(box((-x, s * y, 0.0), (x, s * y + wide, tall), wall, BRIGHT) for s in (-1.03, 1)),
+        box((1.3, -1.3, 0.70), (2.1, 1.3, 0.74), Kind.SIGN, 0.5),
+        box((x - 0.05, -0.2, 1.4), (x, 0.9, 2.1), Kind.GLASS, DARK),
     ]
     for side in (-0.7, 0.5):
         turn = rng.uniform(-0.1, 0.1)
         surfaces.append(
-            Box((1.7 + turn, side, 0.85), (1.76 + turn, side + 0.5, 1.2), Kind.SIGN, 0.3)
+            box((1.7 + turn, side, 0.85), (1.76 + turn, side + 0.5, 1.2), Kind.SIGN, 0.3)
         )
-        surfaces.append(Tube((1.73, side + 0.25, 0.7), (1.73, side + 0.25, 0.9), 0.03, Kind.POLE))
+        surfaces.append(tube((1.73, side + 0.25, 0.7), (1.73, side + 0.25, 0.9), 0.03, Kind.POLE))
     legs = [(1.35, -1.2), (1.35, 1.2), (2.0, -1.2), (2.0, 1.2)]
     for middle in (-1.9, 1.7):
         seat = (0.9 + rng.uniform(-0.1, 0.1), middle)
         surfaces.append(
-            Box((seat[0], middle, 0.44), (seat[0] + 0.42, middle + 0.42, 0.47), Kind.SIGN, 0.4)
+            box((seat[0], middle, 0.44), (seat[0] + 0.42, middle + 0.42, 0.47), Kind.SIGN, 0.4)
         )
         surfaces.append(
-            Box((seat[0], middle, 0.55), (seat[0] + 0.03, middle + 0.42, 0.95), Kind.SIGN, 0.4)
+            box((seat[0], middle, 0.55), (seat[0] + 0.03, middle + 0.42, 0.95), Kind.SIGN, 0.4)
         )
         legs += [(seat[0] + a, middle + b) for a in (0.03, 0.39) for b in (0.03, 0.39)]
-    surfaces += [Tube((a, b, 0.0), (a, b, 0.46), 0.015, Kind.POLE, BRIGHT) for a, b in legs]
+    surfaces += [tube((a, b, 0.0), (a, b, 0.46), 0.015, Kind.POLE, BRIGHT) for a, b in legs]
     return scan(surfaces, (-1.2, 0.0, 1.3), (rows, columns), seed)
 
 
@@ -175,6 +157,6 @@ def facades(seed: int, rows: int = 200, columns: int = 1200) -> list[RangeImage]
         things = (*birds((x + 4.0, 2.0), 8, rng), *car(x + 7.0, 2.5, rng, (0.0, 0.0, 0.0)))
         surfaces = lay_out(Town(trees=False, things=things, start=-45.0, end=45.0), rng)
         position = (x, rng.uniform(-1.0, 1.0), 1.7)
-        air = (Flakes(),)
+        air = (ThinFall(Cause.SNOW, 0.0005, 15.0),)
         found.append(scan(surfaces, position, (rows, columns), seed + number, air))
     return found

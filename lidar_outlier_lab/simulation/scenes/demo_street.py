@@ -20,11 +20,12 @@ from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.particles import Fall, Puff
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import BarrierArm, Box, Building, Ground, Pole
+from lidar_outlier_lab.simulation.world.surfaces import barrier_arm, box, building, ground, pole
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from lidar_outlier_lab.simulation.world.scene import Air, Surface
+    from lidar_outlier_lab.simulation.world.scene import Air
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 HALF_ROAD = 5.0  # metres from the middle of the road to its kerbs
 KERB = 0.12  # height of kerbs and sidewalks, metres
@@ -41,7 +42,7 @@ SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'
 
 def street() -> Scene:
     """Build a street with parked cars, poles, a swinging barrier arm and two clouds of exhaust."""
-    surfaces: list[Surface] = [Ground(START, END, HALF_ROAD, crown=0.08)]
+    surfaces: list[Surface] = [ground(START, END, HALF_ROAD, crown=0.08)]
     surfaces += _sidewalk(1.0) + _sidewalk(-1.0)
     surfaces += [
         _building(1.0, -45.0, -2.0, 11.0),
@@ -51,38 +52,38 @@ def street() -> Scene:
         _building(-1.0, 15.5, 33.0, 13.0),
         _building(-1.0, 33.0, 60.0, 8.0),
     ]
-    surfaces += [Pole(x, 5.6) for x in (-8.0, 10.0, 28.0, 46.0)]
-    surfaces += [Pole(x, -5.6, 0.03, 2.6) for x in (3.0, 12.5, 30.0)]
+    surfaces += [pole(x, 5.6) for x in (-8.0, 10.0, 28.0, 46.0)]
+    surfaces += [pole(x, -5.6, 0.03, 2.6) for x in (3.0, 12.5, 30.0)]
     surfaces += [part for x in (4.0, 23.5, 29.0) for part in _car(x, -4.0)]
     surfaces += [part for x in (-3.0, 33.0) for part in _car(x, 4.0)]
-    surfaces.append(BarrierArm((20.0, 4.7, 1.0), 4.2, angle=1.4, rate=-0.55))
+    surfaces.append(barrier_arm((20.0, 4.7, 1.0), 4.2, angle=1.4, rate=-0.55))
     return Scene(tuple(surfaces), _exhaust(8.5, -1.9) + _exhaust(18.5, -1.2))
 
 
 def _sidewalk(side: float) -> list[Surface]:
     kerb, edge, back = side * HALF_ROAD, side * (HALF_ROAD + KERB_WIDTH), side * 30.0
     return [
-        Box(
+        box(
             (START, min(kerb, edge), -0.5),
             (END, max(kerb, edge), KERB),
             Kind.KERB,
             0.35,
         ),
-        Box((START, min(edge, back), -0.5), (END, max(edge, back), KERB), Kind.SIDEWALK, 0.3),
+        box((START, min(edge, back), -0.5), (END, max(edge, back), KERB), Kind.SIDEWALK, 0.3),
     ]
 
 
-def _building(side: float, start: float, end: float, height: float) -> Building:
+def _building(side: float, start: float, end: float, height: float) -> Surface:
     front, back = side * FRONT, side * BACK
     low, high = min(front, back), max(front, back)
-    return Building((start, low, 0.0), (end, high, height), reflectance=0.45)
+    return building((start, low, 0.0), (end, high, height), reflectance=0.45)
 
 
 def _car(x: float, y: float) -> list[Surface]:
     """Build a parked car around (x, y): its body, and its cabin on top."""
     return [
-        Box((x - 2.1, y - 0.85, 0.2), (x + 2.1, y + 0.85, 0.85), Kind.CAR, 0.5),
-        Box((x - 1.3, y - 0.75, 0.85), (x + 0.9, y + 0.75, 1.4), Kind.CAR, 0.3),
+        box((x - 2.1, y - 0.85, 0.2), (x + 2.1, y + 0.85, 0.85), Kind.CAR, 0.5),
+        box((x - 1.3, y - 0.75, 0.85), (x + 0.9, y + 0.75, 1.4), Kind.CAR, 0.3),
     ]
 
 
@@ -103,7 +104,7 @@ def demo_drive(seed: int = 1) -> Drive:
 def snow_drive(seed: int = 1) -> Drive:
     """Turn three times, 0.3 s, on the same street in snow, behind a car that whirls it up."""
     rng = np.random.default_rng(seed)
-    things = [thing for thing in street().surfaces if not isinstance(thing, BarrierArm)]
+    things = [thing for thing in street().surfaces if thing.cause != Cause.BARRIER]
     things += car(18.0, -1.6, rng, (8.0, 0.0, 0.0))
     things += car(30.0, 1.6, rng, (-7.0, 0.0, 0.0))
     air: tuple[Air, ...] = (

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,14 +11,15 @@ import numpy as np
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
+from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import BarrierArm
+from lidar_outlier_lab.simulation.world.surfaces import barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.scene import Air, Rays
+    from lidar_outlier_lab.simulation.world.scene import Air
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 
 STREAM = 1701  # of random numbers, which no preset uses
@@ -32,26 +32,6 @@ SCANNERS = (
 )
 TREES, MIXED, WET, FALLS, STOPS = 0.3, 0.6, 0.5, 0.4, 0.3  # shares of the streets
 SNOW = 0.7  # of those with a fall; else it rains
-
-
-@dataclass(frozen=True)
-class ThinFall:
-    """Rain or snow by a simple law, of which as few can be drawn as one likes.
-
-    The chance per metre that a ray is sent back is ``density / (1 + (range / fade)²)``. So it is
-    densest at the scanner, unlike :class:`.particles.Fall`; the package's trees were trained on it.
-    """
-
-    cause: Cause
-    density: float
-    fade: float
-
-    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
-        """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
-        depth = -np.log1p(-rng) / (self.density * self.fade)
-        falls = depth < np.pi / 2.0
-        far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
-        return np.where(far < reach, far, np.inf)
 
 
 def training_street(seed: int) -> Drive:
@@ -86,7 +66,7 @@ def training_street(seed: int) -> Drive:
     )
 
 
-def _arm(town: Town, speed: float, seconds: float, rng: np.random.Generator) -> BarrierArm:
+def _arm(town: Town, speed: float, seconds: float, rng: np.random.Generator) -> Surface:
     """Let a barrier open or close while one passes it, steep or level."""
     length, y = rng.uniform(1.5, town.half_road), town.half_road - rng.uniform(0.2, 0.8)
     x = speed * rng.uniform(0.1, 0.9 * seconds) - 3.0
@@ -94,7 +74,7 @@ def _arm(town: Town, speed: float, seconds: float, rng: np.random.Generator) -> 
     late = (x + 1.0 + y - length / 2.0 - LANES[0]) / speed
     rate = rng.uniform(0.4, 1.0) * rng.choice([-1.0, 1.0])
     angle = rng.uniform(-0.1, 1.45) - rate * late
-    return BarrierArm((x, y, 1.0), length, angle, rate, radius=rng.uniform(0.025, 0.05))
+    return barrier_arm((x, y, 1.0), length, angle, rate, radius=rng.uniform(0.025, 0.05))
 
 
 def _air(way: float, rng: np.random.Generator) -> tuple[Air, ...]:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.surfaces import (
-    Ball,
-    Box,
-    Building,
-    Crown,
-    Ground,
-    Lid,
-    Pole,
-    Tube,
+    ball,
+    box,
+    building,
+    crown,
+    ground,
+    lid,
+    pole,
+    tube,
 )
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from lidar_outlier_lab.simulation.world.scene import Surface
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 KERB_WIDTH = 0.15
 DEEP = 60.0  # metres from the road to where a block of houses ends
@@ -59,8 +59,8 @@ class Town:
 def lay_out(town: Town, rng: np.random.Generator) -> tuple[Surface, ...]:
     """Build the street: road, four blocks or two, and what stands on and beside the road."""
     surfaces: list[Surface] = [
-        Ground(town.start, town.end, town.half_road, town.crown),
-        Ground(town.start, town.end, 2.0 * DEEP),
+        ground(town.start, town.end, town.half_road, town.crown),
+        ground(town.start, town.end, 2.0 * DEEP),
     ]
     for side in (1.0, -1.0):
         for start, end in _stretches(town):
@@ -90,13 +90,13 @@ def _block(
         stop = min(x + rng.uniform(8.0, 30.0), end)
         # Here and there a kerb is lowered for an entrance.
         height = LOWERED if rng.random() < ENTRANCES else town.kerb
-        yield Box(*_sorted((x, near, -0.5), (stop, rim, height)), Kind.KERB, 0.35)
+        yield box(*_sorted((x, near, -0.5), (stop, rim, height)), Kind.KERB, 0.35)
         x = stop
     inner = (start + KERB_WIDTH, end - KERB_WIDTH)
     for low, high in ((start, inner[0]), (inner[1], end)):
-        yield Box(*_sorted((low, rim, -0.5), (high, far, town.kerb)), Kind.KERB, 0.35)
+        yield box(*_sorted((low, rim, -0.5), (high, far, town.kerb)), Kind.KERB, 0.35)
     corners = _sorted((inner[0], rim, -0.5), (inner[1], far, town.kerb))
-    yield Box(*corners, Kind.SIDEWALK, 0.3)
+    yield box(*corners, Kind.SIDEWALK, 0.3)
     yield from _houses(town, side, start + 3.0, end - 3.0, rng)
 
 
@@ -110,7 +110,7 @@ def _houses(
         front = side * (town.half_road + rng.uniform(2.6, 4.5))
         back = side * (town.half_road + DEEP - 2.0)
         corners = _sorted((x, front, 0.0), (stop, back, rng.uniform(7.0, 16.0)))
-        yield Building(
+        yield building(
             *corners,
             pane=Kind.GLASS,
             reflectance=rng.uniform(0.25, 0.6),
@@ -124,7 +124,7 @@ def _houses(
         if rng.random() < SHOPS and stop - x > WIDE:
             left = x + rng.uniform(1.0, 3.0)
             shop = ((left, front - side * 0.03, 0.4), (left + rng.uniform(3.0, 5.0), front, 2.6))
-            yield Box(*_sorted(*shop), Kind.GLASS, 0.1)
+            yield box(*_sorted(*shop), Kind.GLASS, 0.1)
         x = stop + (rng.uniform(3.0, 8.0) if rng.random() < GAPS else 0.0)
 
 
@@ -146,9 +146,9 @@ def car(
     long, wide, shade = CAR[0], CAR[1], rng.uniform(0.1, 0.7)
     waist, roof = rng.uniform(0.75, 0.95), rng.uniform(1.35, 1.9)
     body = ((x - long, y - wide, 0.22), (x + long, y + wide, waist))
-    yield Box(*body, Kind.CAR, shade, velocity=velocity)
+    yield box(*body, Kind.CAR, shade, velocity=velocity)
     low = (x - rng.uniform(0.9, 1.9), y - wide + 0.1, waist)
-    yield Box(low, (x + 0.9, y + wide - 0.1, roof), Kind.CAR, 0.3, velocity=velocity)
+    yield box(low, (x + 0.9, y + wide - 0.1, roof), Kind.CAR, 0.3, velocity=velocity)
 
 
 def _furniture(
@@ -160,26 +160,26 @@ def _furniture(
         y = side * (town.half_road + rng.uniform(0.5, 0.9))
         what = str(rng.choice(tuple(FURNITURE), p=tuple(FURNITURE.values())))
         if what == 'lamp':
-            yield Pole(x, y, rng.uniform(0.05, 0.1), rng.uniform(4.0, 8.0))
+            yield pole(x, y, rng.uniform(0.05, 0.1), rng.uniform(4.0, 8.0))
         elif what == 'sign':
-            yield Pole(x, y, 0.03, 2.6)
+            yield pole(x, y, 0.03, 2.6)
             low, high = (x - 0.02, y - 0.3, 2.0), (x + 0.02, y + 0.3, 2.6)
-            yield Box(low, high, Kind.SIGN, 0.8)
+            yield box(low, high, Kind.SIGN, 0.8)
         elif what == 'tree' and town.trees:
             yield from _tree(x, y, rng)
         elif town.trees:
             half = (rng.uniform(1.0, 2.5), 0.45, rng.uniform(0.5, 0.8))
             seed = int(rng.integers(2**31))
-            yield Crown((x, y + side * 0.6, half[2]), half, seed, 0.1, 0.05, 0.4)
+            yield crown((x, y + side * 0.6, half[2]), half, seed, 0.1, 0.05, 0.4)
         x += rng.uniform(4.0, 10.0)
 
 
 def _tree(x: float, y: float, rng: np.random.Generator) -> Iterator[Surface]:
     tall, wide = rng.uniform(5.0, 9.0), rng.uniform(1.4, 2.6)
     foot, top = (x, y, 0.0), (x + rng.uniform(-0.3, 0.3), y, tall - 1.0)
-    yield Tube(foot, top, rng.uniform(0.08, 0.2), Kind.POLE)
+    yield tube(foot, top, rng.uniform(0.08, 0.2), Kind.POLE)
     half = (wide, wide, (tall - 2.2) / 2.0)
-    yield Crown((x, y, tall - half[2]), half, int(rng.integers(2**31)))
+    yield crown((x, y, tall - half[2]), half, int(rng.integers(2**31)))
 
 
 def _manholes(town: Town, rng: np.random.Generator) -> Iterator[Surface]:
@@ -189,7 +189,7 @@ def _manholes(town: Town, rng: np.random.Generator) -> Iterator[Surface]:
         y = rng.uniform(-0.7, 0.7) * town.half_road
         height = town.crown * (1.0 - (y / town.half_road) ** 2)
         position = (x, y, height + rng.uniform(0.008, 0.025))
-        yield Lid(position, rng.uniform(0.28, 0.38), rng.uniform(0.003, 0.008))
+        yield lid(position, rng.uniform(0.28, 0.38), rng.uniform(0.003, 0.008))
         x += rng.uniform(4.0, 12.0)
 
 
@@ -199,7 +199,7 @@ def _wires(town: Town, rng: np.random.Generator) -> Iterator[Surface]:
     while town.trees and x < town.end:
         reach, tall = town.half_road + 2.5, rng.uniform(5.0, 7.0)
         ends = ((x, -reach, tall), (x + rng.uniform(-4.0, 4.0), reach, tall))
-        yield Tube(*ends, rng.uniform(0.006, 0.015), Kind.WIRE)
+        yield tube(*ends, rng.uniform(0.006, 0.015), Kind.WIRE)
         x += rng.uniform(12.0, 25.0)
 
 
@@ -237,7 +237,7 @@ def birds(middle: tuple[float, float], count: int, rng: np.random.Generator) -> 
     for _ in range(count):
         position = (a + b for a, b in zip(centre, rng.normal(0.0, (2.5, 2.5, 0.7)), strict=True))
         x, y, z = position
-        flock.append(Ball((x, y, z), rng.uniform(0.06, 0.14), flight))
+        flock.append(ball((x, y, z), rng.uniform(0.06, 0.14), flight))
     return tuple(flock)
 
 

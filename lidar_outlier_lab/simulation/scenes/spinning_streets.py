@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.simulation.world.drive import Block
     from lidar_outlier_lab.simulation.world.prisms import FreeScanner
     from lidar_outlier_lab.simulation.world.recording import Cloud
-    from lidar_outlier_lab.simulation.world.scene import Air, Surface
+    from lidar_outlier_lab.simulation.world.scene import Air
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 
 def rings(lowest: float, highest: float, count: int) -> tuple[float, ...]:

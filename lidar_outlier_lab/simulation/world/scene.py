@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 
 BUNDLE_REACH = 0.1  # metres that the rays of a bundle stay within of its centre
@@ -50,30 +51,6 @@ class Rays:
     def take(self, index: NDArray[np.intp]) -> Rays:
         """Choose bundles by index."""
         return Rays(self.origin[:, index], self.direction[:, index], self.t[index], self.reach)
-
-
-class Surface(Protocol):
-    """What reflects."""
-
-    @property
-    def kind(self) -> Kind:
-        """Return what it is."""
-
-    @property
-    def pane(self) -> Kind:
-        """Return what its windows are."""
-
-    @property
-    def reflectance(self) -> float:
-        """Share of the light that comes back at normal incidence, 0 to 1."""
-
-    @property
-    def cause(self) -> Cause:
-        """Return whether points on it are outliers, and why."""
-
-    @property
-    def row(self) -> Floats:
-        """Give its numbers to the kernels: see :mod:`.caster`."""
 
 
 class Air(Protocol):

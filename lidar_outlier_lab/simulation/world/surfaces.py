@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The surfaces that scenes are built of, as rows of numbers for the kernels."""
+"""The surfaces that scenes are built of, as rows of numbers for the kernels of :mod:`.caster`.
+
+Each function makes one surface from its measures in metres and radians.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,32 @@ if TYPE_CHECKING:
 STILL = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What reflects.
+
+    Attributes
+    ----------
+    row : (caster.WIDTH,) float64
+        Its numbers for the kernels.
+    kind, pane : Kind
+        What it is, and what its windows are.
+    reflectance : float
+        Share of the light that comes back at normal incidence, 0 to 1.
+    cause : Cause
+        Why points on it are outliers; GOOD: they are none.
+
+    """
+
+    row: Floats
+    kind: Kind
+    reflectance: float
+    cause: Cause = Cause.GOOD
+    pane: Kind = Kind.AIR
+
+
 def _row(
-    shape: int,
-    rest: Sequence[float],
-    low: Point,
-    high: Point,
-    velocity: Triple = STILL,
+    shape: int, rest: Sequence[float], low: Point, high: Point, velocity: Triple = STILL
 ) -> Floats:
     """Lay out a row; ``low`` and ``high`` are corners of a box around the surface at t = 0."""
     row = np.zeros(caster.WIDTH)
@@ -46,214 +69,114 @@ def _around(centre: Triple, half: Triple | float) -> tuple[Floats, Floats]:
     return middle - away, middle + away
 
 
-@dataclass(frozen=True)
-class _Plain:
-    """What all surfaces are unless they say otherwise."""
+def ground(  # noqa: PLR0913  the measures of a road
+    start: float,
+    end: float,
+    half_width: float,
+    crown: float = 0.0,
+    side: float = 0.0,
+    height: float = 0.0,
+    kind: Kind = Kind.ROAD,
+) -> Surface:
+    """Lay a road along x, highest in its middle; it is met from above only.
 
-    @property
-    def pane(self) -> Kind:
-        """Nothing here has windows, but buildings."""
-        return Kind.AIR
-
-
-@dataclass(frozen=True)
-class Ground(_Plain):
-    """A road along x, highest in its middle: z = height + crown (1 - ((y - side) / half_width)²).
-
-    It is met from above only.
+    z = height + crown (1 - ((y - side) / half_width)²)
     """
-
-    start: float
-    end: float
-    half_width: float
-    crown: float = 0.0
-    side: float = 0.0
-    height: float = 0.0
-    kind: Kind = Kind.ROAD
-    reflectance: float = 0.2
-    cause: Cause = Cause.GOOD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        rest = (self.start, self.end, self.half_width, self.crown, self.side, self.height)
-        low, high = self.side - self.half_width, self.side + self.half_width
-        top = self.height + max(self.crown, 0.0)
-        bottom = self.height + min(self.crown, 0.0)
-        return _row(caster.GROUND, rest, (self.start, low, bottom), (self.end, high, top))
+    low = (start, side - half_width, height + min(crown, 0.0))
+    high = (end, side + half_width, height + max(crown, 0.0))
+    rest = (start, end, half_width, crown, side, height)
+    return Surface(_row(caster.GROUND, rest, low, high), kind, 0.2)
 
 
-@dataclass(frozen=True)
-class Box(_Plain):
-    """A box with its edges along the axes, from ``low`` to ``high``; it may move."""
-
-    low: Triple
-    high: Triple
-    kind: Kind
-    reflectance: float = 0.4
-    cause: Cause = Cause.GOOD
-    velocity: Triple = STILL
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        return _row(caster.BOX, (*self.low, *self.high), self.low, self.high, self.velocity)
+def box(
+    low: Triple, high: Triple, kind: Kind, reflectance: float = 0.4, velocity: Triple = STILL
+) -> Surface:
+    """Put up a box with its edges along the axes, from ``low`` to ``high``; it may move."""
+    return Surface(_row(caster.BOX, (*low, *high), low, high, velocity), kind, reflectance)
 
 
-@dataclass(frozen=True)
-class Building:
-    """A box whose walls along the street have recessed windows, some of them open.
+def building(  # noqa: PLR0913  the measures of its windows
+    low: Triple,
+    high: Triple,
+    *,
+    pane: Kind = Kind.FACADE,
+    reflectance: float = 0.4,
+    pitch: float = 3.0,
+    storey: float = 3.2,
+    window: tuple[float, float] = (1.3, 1.6),
+    recess: float = 0.2,
+    open_every: int = 4,
+    all_around: bool = False,
+) -> Surface:
+    """Put up a box whose walls along the street have recessed windows, some of them open.
 
     Cells of ``pitch`` by ``storey`` metres hold one window each, ``recess`` deep. Through every
     ``open_every``-th a ray is lost inside; 0: all are closed. With ``all_around`` the walls across
     the street have windows too.
     """
-
-    low: Triple
-    high: Triple
-    kind: Kind = Kind.FACADE
-    pane: Kind = Kind.FACADE
-    reflectance: float = 0.4
-    cause: Cause = Cause.GOOD
-    pitch: float = 3.0
-    storey: float = 3.2
-    window: tuple[float, float] = (1.3, 1.6)
-    sill: float = 0.9
-    recess: float = 0.2
-    open_every: int = 4
-    all_around: bool = False
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        cell = (self.pitch, self.storey, *self.window, self.sill, self.recess)
-        rest = (*self.low, *self.high, *cell, self.open_every, float(self.all_around))
-        return _row(caster.BUILDING, rest, self.low, self.high)
+    sill = 0.9
+    rest = (*low, *high, pitch, storey, *window, sill, recess, open_every, float(all_around))
+    row = _row(caster.BUILDING, rest, low, high)
+    return Surface(row, Kind.FACADE, reflectance, pane=pane)
 
 
-@dataclass(frozen=True)
-class Tube(_Plain):
-    """The outside of a tube between the middles of its ends: a trunk, a railing, a wire."""
-
-    foot: Triple
-    top: Triple
-    radius: float
-    kind: Kind
-    reflectance: float = 0.4
-    cause: Cause = Cause.GOOD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        foot, top = np.array(self.foot), np.array(self.top)
-        length = float(np.linalg.norm(top - foot))
-        if not length > 0.0:
-            raise FilterError('the ends of a tube', 'apart', f'{self.foot} twice')
-        rest = (*foot, *(top - foot) / length, self.radius, length)
-        low, high = np.minimum(foot, top) - self.radius, np.maximum(foot, top) + self.radius
-        return _row(caster.TUBE, rest, low, high)
+def tube(foot: Triple, top: Triple, radius: float, kind: Kind, reflectance: float = 0.4) -> Surface:
+    """Put up the outside of a tube between the middles of its ends: a trunk, a wire."""
+    start, end = np.array(foot), np.array(top)
+    length = float(np.linalg.norm(end - start))
+    if not length > 0.0:
+        raise FilterError('the ends of a tube', 'apart', f'{foot} twice')
+    rest = (*foot, *(end - start) / length, radius, length)
+    low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
+    return Surface(_row(caster.TUBE, rest, low, high), kind, reflectance)
 
 
-@dataclass(frozen=True)
-class Pole(_Plain):
-    """An upright tube on (x, y)."""
-
-    x: float
-    y: float
-    radius: float = 0.08
-    tall: float = 6.0
-    kind: Kind = Kind.POLE
-    reflectance: float = 0.5
-    cause: Cause = Cause.GOOD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        foot, top = (self.x, self.y, 0.0), (self.x, self.y, self.tall)
-        return Tube(foot, top, self.radius, self.kind).row
+def pole(x: float, y: float, radius: float = 0.08, tall: float = 6.0) -> Surface:
+    """Put up an upright tube on (x, y)."""
+    return tube((x, y, 0.0), (x, y, tall), radius, Kind.POLE, 0.5)
 
 
-@dataclass(frozen=True)
-class BarrierArm(_Plain):
-    """A tube that swings about a pivot beside the road, in the plane x = const., towards -y.
+def barrier_arm(
+    pivot: Triple, length: float, angle: float, rate: float, radius: float = 0.05
+) -> Surface:
+    """Let a tube swing about a pivot beside the road, in the plane x = const., towards -y.
 
     It is raised by ``angle`` (rad) at ``t = 0`` and by ``rate`` (rad/s) more as time goes on.
     """
-
-    pivot: Triple
-    length: float
-    angle: float
-    rate: float
-    radius: float = 0.05
-    kind: Kind = Kind.ARM
-    reflectance: float = 0.6
-    cause: Cause = Cause.BARRIER
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        rest = (*self.pivot, self.length, self.radius, self.angle, self.rate)
-        return _row(caster.ARM, rest, *_around(self.pivot, self.length + self.radius))
+    row = _row(caster.ARM, (*pivot, length, radius, angle, rate), *_around(pivot, length + radius))
+    return Surface(row, Kind.ARM, 0.6, Cause.BARRIER)
 
 
-@dataclass(frozen=True)
-class Ball(_Plain):
-    """A ball that may move: a bird, to a scanner."""
-
-    centre: Triple
-    radius: float
-    velocity: Triple = STILL
-    kind: Kind = Kind.AIR
-    reflectance: float = 0.3
-    cause: Cause = Cause.BIRD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        rest = (*self.centre, self.radius)
-        return _row(caster.BALL, rest, *_around(self.centre, self.radius), self.velocity)
+def ball(centre: Triple, radius: float, velocity: Triple = STILL) -> Surface:
+    """Let a ball fly: a bird, to a scanner."""
+    row = _row(caster.BALL, (*centre, radius), *_around(centre, radius), velocity)
+    return Surface(row, Kind.AIR, 0.3, Cause.BIRD)
 
 
-@dataclass(frozen=True)
-class Lid(_Plain):
-    """The lid of a manhole: a disc at a height, with ribs and grooves in squares."""
+def lid(
+    centre: Triple, radius: float = 0.35, relief: float = 0.006, spacing: float = 0.08
+) -> Surface:
+    """Lay the lid of a manhole: a disc at a height, with ribs and grooves in squares.
 
-    centre: Triple
-    radius: float = 0.35
-    relief: float = 0.006  # metres from the ribs down to the grooves
-    spacing: float = 0.08  # metres from rib to rib
-    kind: Kind = Kind.MANHOLE
-    reflectance: float = 0.45
-    cause: Cause = Cause.GOOD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        rest = (*self.centre, self.radius, self.relief, self.spacing)
-        return _row(caster.LID, rest, *_around(self.centre, self.radius + self.relief))
+    Ribs are ``spacing`` from each other, and grooves ``relief`` below them.
+    """
+    row = _row(caster.LID, (*centre, radius, relief, spacing), *_around(centre, radius + relief))
+    return Surface(row, Kind.MANHOLE, 0.45)
 
 
-@dataclass(frozen=True)
-class Crown(_Plain):
-    """The leaves of a tree or a hedge: discs of ``leaf`` metres radius in an ellipsoid.
+def crown(  # noqa: PLR0913  the measures of its leaves
+    centre: Triple,
+    half: Triple,
+    seed: int = 0,
+    cell: float = 0.15,
+    leaf: float = 0.07,
+    share: float = 0.3,
+) -> Surface:
+    """Let the leaves of a tree or a hedge be discs of ``leaf`` metres radius in an ellipsoid.
 
     One in each of a ``share`` of the cubes of ``cell`` metres that it is cut into; where, and how
     it leans, is drawn from ``seed``, so that every ray finds the same leaf. A ray goes about
     ``2 cell³ / (π leaf² share)`` metres deep.
     """
-
-    centre: Triple
-    half: Triple
-    seed: int = 0
-    cell: float = 0.15
-    leaf: float = 0.07
-    share: float = 0.3
-    kind: Kind = Kind.FOLIAGE
-    reflectance: float = 0.4
-    cause: Cause = Cause.GOOD
-
-    @property
-    def row(self) -> Floats:
-        """Numbers for the kernel."""
-        rest = (*self.centre, *self.half, self.cell, self.leaf, self.share, self.seed)
-        return _row(caster.CROWN, rest, *_around(self.centre, self.half))
+    rest = (*centre, *half, cell, leaf, share, seed)
+    return Surface(_row(caster.CROWN, rest, *_around(centre, half)), Kind.FOLIAGE, 0.4)

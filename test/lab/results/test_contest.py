@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The contest: all get the same points, and are counted alike."""
+"""The contest: all get the same points, each judges what it can, and all are counted alike."""
 
 from __future__ import annotations
 
@@ -10,65 +10,154 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.labelled import BAD, rows
 
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_lab.results import contest, contest_tables
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_lab.results import contest, contest_page, contestants
 from lidar_outlier_lab.results.contest import Record, Standing, compete, score, standings
-from lidar_outlier_lab.results.contest_tables import Target
-from lidar_outlier_lab.results.contestants import (
-    DEFAULT,
-    Judgement,
-    Ours,
-    Peer,
-)
-from lidar_outlier_lab.results.samples import simulated
+from lidar_outlier_lab.results.contest_page import Target
+from lidar_outlier_lab.results.contestants import DEFAULT, Judgement, ours, peer, peers
+from lidar_outlier_lab.results.samples import Sample, simulated
+from lidar_outlier_lab.simulation import presets
+from lidar_outlier_lab.simulation.world.recording import FRAME, START, Cloud
 
 if TYPE_CHECKING:
-    from lidar_outlier_lab.results.samples import Sample
+    from lidar_outlier_filter.core.annotations import Floats
 
 
-def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: str) -> Record:
+# Samples ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('frame', 'sizes'), [('lidar', [1, 1]), (FRAME, [2])])
+def test_a_recording_is_streamed(
+    monkeypatch: pytest.MonkeyPatch, frame: str, sizes: list[int]
+) -> None:
+    """Clouds of one topic are one sample; in the map's frame, other filters get them together."""
+    clouds = [Cloud(START + i * 10**8, START, rows(), frame=frame) for i in range(2)]
+    monkeypatch.setattr(presets, 'make', lambda *_given, **_more: iter(clouds))
+    (sample,) = simulated('street-16', 7)
+    assert (sample.name, sample.seed, len(sample.data)) == ('street-16', 7, 2 * len(BAD))
+    assert sample.data.streamed
+    assert sample.timed
+    np.testing.assert_array_equal(sample.data.bad, np.tile(BAD, 2))
+    np.testing.assert_array_equal(sample.data.good, ~sample.data.bad)
+    assert [len(xyz) for xyz in sample.clouds] == [size * len(BAD) for size in sizes]
+    assert (np.diff(sample.data.stretch) >= 0).all()
+
+
+def test_without_times_there_are_no_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cloud of one instant is judged as a whole, and not by the smoother."""
+    cloud = rows()
+    cloud['t'] = 0
+    monkeypatch.setattr(
+        presets, 'make', lambda *_given, **_more: iter([Cloud(START, START, cloud)])
+    )
+    (sample,) = simulated('street-16', 7)
+    assert not sample.timed
+    assert not sample.data.streamed
+    assert not sample.suits(('lof', 'alpha_beta_gamma'))
+    assert sample.suits(('lof',))
+    verdict = sample.data.judge(FilterParameters().changed({'chain': ['sor']}))
+    assert len(verdict) == len(BAD)
+
+
+# Contestants --------------------------------------------------------------------------------------
+
+
+def plane(*, sweeps: int = 1, timed: bool = True, own: bool = False) -> Sample:
+    """Make a bumpy plane of 300 points, a few above it, in so many sweeps."""
+    rng, number = np.random.default_rng(1), np.arange(300)
+    xyz = rng.uniform(0.0, 5.0, (300, 3)) * (1, 1, 0.01)
+    bad = number % 50 == 0
+    xyz[bad, 2] += 3.0
+    whole = Points(xyz, number * 1000 * timed, np.zeros(300, np.int64), np.ones(300, np.bool_))
+    clouds = tuple(whole.take(part) for part in np.array_split(number, sweeps))
+    data = Training(clouds, bad, ~bad, number * 20 // 300, 20, streamed=sweeps > 1)
+    return Sample('plane', 3, data, bad.astype(np.int64), timed, own)
+
+
+def blind(xyz: Floats) -> Judgement:
+    """Reject nothing."""
+    return Judgement(np.zeros(len(xyz), np.bool_), xyz[:, 2])
+
+
+def test_who_suits_what() -> None:
+    """No smoother without lines, no limit by range without an origin, none on another's preset."""
+    smoother, near = ours('', {'chain': ['alpha_beta_gamma']}), ours('', needs_origin=True)
+    assert [smoother.suits(plane(timed=timed)) for timed in (True, False)] == [True, False]
+    assert [near.suits(plane(own=own)) for own in (True, False)] == [True, False]
+    assert [ours('', only=(one,)).suits(plane()) for one in ('plane', 'street')] == [True, False]
+    assert [peer('', blind, most).suits(plane()) for most in (300, 299)] == [True, False]
+    assert peer('', blind, 299).suits(plane(sweeps=2, own=True))
+
+
+def test_peers_see_sweeps_one_by_one() -> None:
+    """In the sensor's frame a peer gets each sweep; in the map's, all together."""
+    seen: list[int] = []
+
+    def judge(xyz: Floats) -> Judgement:
+        seen.append(len(xyz))
+        return blind(xyz)
+
+    result = peer('', judge).judge(plane(sweeps=3, own=True))
+    assert result.score is not None
+    assert len(result.score) == len(result.rejected) == 300
+    peer('', judge).judge(plane(sweeps=3))
+    assert seen == [100, 100, 100, 300]
+
+
+def test_scikit_learn_agrees() -> None:
+    """On a whole cloud its LOF is ours."""
+    (theirs,) = (one.judge(plane(timed=False)) for one in peers() if 'scikit-learn' in one.name)
+    mine = ours('', {'chain': ['lof']}).judge(plane(timed=False))
+    np.testing.assert_array_equal(theirs.rejected, mine.rejected)
+    assert theirs.score is not None
+    assert mine.score is not None
+    np.testing.assert_allclose(theirs.score / contestants.FACTOR, mine.score, rtol=1e-5)
+    assert theirs.rejected.any()
+
+
+# Counts and tables --------------------------------------------------------------------------------
+
+
+def record(name: str, counts: tuple[int, int, int, int], sample: str = 'leslar-b') -> Record:
     """Make a record of two stretches, all in the first."""
-    both = np.array([counts, (0, 0, 0, 0)])
-    return Record(more.get('sample', 'leslar-b'), name, seed, both, 0.5, 1.0, 0.95)
+    return Record(sample, name, 1, np.array([counts, (0, 0, 0, 0)]), 0.5, 1.0, 0.95)
 
 
 def test_all_is_counted() -> None:
-    """A record holds what the contestant said of the sample."""
+    """A record holds the contestant's verdict on the sample."""
     (sample,) = simulated('sotoodeh-hod', 3)
-    height = Peer('by height', lambda xyz: Judgement(xyz[:, 2] > 1.0, xyz[:, 2]))
-    blind = Peer('blind', lambda xyz: Judgement(np.zeros(len(xyz), np.bool_), None))
-    one, other = score(height, sample), score(blind, sample)
+    one = score(peer('by height', lambda xyz: Judgement(xyz[:, 2] > 1.0, xyz[:, 2])), sample)
+    none = peer('none', lambda xyz: Judgement(np.zeros(len(xyz), np.bool_), None))
     high = sample.clouds[0][:, 2] > 1.0
-    found = np.count_nonzero(high & sample.data.bad)
     whole = Confusion(*one.counts.sum(axis=0).tolist())
     assert (one.sample, one.contestant, one.seed) == ('sotoodeh-hod', 'by height', 3)
-    assert whole.found == found
-    assert whole.lost == np.count_nonzero(high) - found
+    assert whole.found == np.count_nonzero(high & sample.data.bad)
+    assert whole.lost == np.count_nonzero(high & ~sample.data.bad)
     assert whole.total == len(sample.data)
     assert len(one.counts) == sample.data.stretches
     assert 0 < one.auc < 1
     assert one.best >= whole.f1
-    assert math.isnan(other.auc)
+    assert math.isnan(score(none, sample).auc)
 
 
 def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A preset and seed are simulated once for all, and only those compete whom it suits."""
     made: list[tuple[str, int]] = []
 
-    def make(preset: str, seed: int, progress: object) -> list[Sample]:
+    def make(preset: str, seed: int, _progress: object) -> list[Sample]:
         made.append((preset, seed))
-        assert callable(progress)
-        progress(0.5)
         return simulated('sotoodeh-hod', seed)
 
     monkeypatch.setattr(contest, 'simulated', make)
     result: list[tuple[int, int, str]] = []
-    everybody = [Ours('smoother', {'chain': ['alpha_beta_gamma']}), Ours('sor', {'chain': ['sor']})]
-    records = compete(
-        [('sotoodeh-hod', 1, everybody), ('sotoodeh-hod', 2, everybody)],
-        lambda *what: result.append(what),
-    )
+    everybody = [ours('smoother', {'chain': ['alpha_beta_gamma']}), ours('sor', {'chain': ['sor']})]
+    entries = [('sotoodeh-hod', seed, everybody) for seed in (1, 2)]
+    records = compete(entries, lambda *what: result.append(what))
     assert made == [('sotoodeh-hod', 1), ('sotoodeh-hod', 2)]
     assert [(one.contestant, one.seed) for one in records] == [('sor', 1), ('sor', 2)]
     assert all(done <= total for done, total, _ in result)
@@ -77,47 +166,36 @@ def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_targets_beside_others() -> None:
     """On streets the tuned others are to be beaten, and those without a score do not count."""
     target, standing = Target('', 0.5, 0.01, tuned=True), Standing((record('x', (90, 10, 0, 900)),))
-    blind = Standing((replace(record('blind', (0, 0, 0, 1)), best=math.nan),))
+    unknown = Standing((replace(record('blind', (0, 0, 0, 1)), best=math.nan),))
     assert standing.whole.f1 == pytest.approx(180 / 190)
     for best, met in ((0.9, True), (0.95, False)):
         other = Standing((replace(record('y', (1, 1, 1, 1)), best=best),))
-        assert target.f1([other, blind]) == best
-        assert target.met(standing, [other, blind]) is met
-        assert replace(target, tuned=False).met(standing, [other])
-    both = [record(name, (90, 10, 0, 900), sample='street-64') for name in ('x', 'y')]
-    text = contest_tables.targets(standings(both), 'x', ['y'])
+        assert target.f1([other, unknown]) == best
+        assert target.met(standing, [other, unknown]) is met
+        assert target._replace(tuned=False).met(standing, [other])
+    both = [record(name, (90, 10, 0, 900), 'street-64') for name in ('x', 'y')]
+    text = contest_page.targets(standings(both), 'x', ['y'])
     assert '| street-64 (rain) | 0.950 |' in text
     assert text.endswith('| **no** |')
 
 
 def test_tables() -> None:
-    """What did not compete is a dash; nothing rejected is an F1 of 0."""
-    blind = record('x', (0, 10, 0, 90))
+    """What did not compete is a dash, or left out; nothing rejected is an F1 of 0."""
     other = Record('kang-urban', 'y', 1, np.array([[10, 0, 0, 90]]), math.nan, 1.0)
-    found = standings([blind, other])
-    text = contest_tables.overview(found, ['y', 'x', 'z'])
-    assert '| x | **0.000** | – |' in text
-    assert '| y | – | **1.000** |' in text
-    assert '| z |' not in text
-    assert '| x | 0.950 | – |' in text
-    assert text.count('| y |') == 1
-    assert '| y | 1 | 100.00 % | 100.00 % | 1.000 | – | 0.00 % | – | 1.0 |' in (
-        contest_tables.details(found, ['y'])
-    )
+    found = standings([record('x', (0, 10, 0, 90)), other])
+    text = contest_page.sheet(found, ['y', 'x', 'z'], 'F1', contest_page._f1, is_best_bold=True)
+    assert text.splitlines()[0] == '| F1 | leslar-b | kang-urban |'
+    assert text.splitlines()[2:] == ['| y | – | **1.000** |', '| x | **0.000** | – |']
+    row = '| y | 1 | 100.00 % | 100.00 % | 1.000 | – | 0.00 % | – | 1.0 |'
+    assert row in contest_page.details(found, ['y'])
 
 
 def test_where_others_are_better() -> None:
-    """It is said where another leads, and where not even the best of ours keeps up."""
-    records = [
-        record(DEFAULT, (5, 5, 0, 90)),
-        record('chain', (8, 2, 0, 90)),
-        record('peer', (9, 1, 0, 90)),
-    ]
-    found = standings(records)
-    worse = contest_tables.worse(found, DEFAULT, ['peer'])
+    """It is said where another leads the default, or the best of ours."""
+    chain, best = record('chain', (8, 2, 0, 90)), record('peer', (9, 1, 0, 90))
+    found = standings([record(DEFAULT, (5, 5, 0, 90)), chain, best])
+    worse = contest_page.leads(found, [DEFAULT], ['peer'])
     assert worse == '* leslar-b: default 0.667; peer 0.947'
-    beaten = contest_tables.beaten(found, ['peer'])
-    assert beaten == '* leslar-b: peer 0.947; ours at most 0.889'
-    found = standings(records[:2])
-    assert contest_tables.worse(found, DEFAULT, []) == 'Nowhere in this run.'
-    assert contest_tables.beaten(found, ['peer']) == 'Nowhere in this run.'
+    beaten = contest_page.leads(found, [DEFAULT, 'chain'], ['peer'])
+    assert beaten == '* leslar-b: chain 0.889; peer 0.947'
+    assert contest_page.leads(found, [DEFAULT], []) == 'Nowhere in this run.'

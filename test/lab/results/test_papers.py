@@ -17,32 +17,28 @@ from numpy.testing import assert_allclose
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.evaluation.confusion import Confusion
+from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_lab.results.papers import (
-    kang,
-    pcl_lof,
-    pirotti,
-    pirotti_buses,
-    roc,
-)
+from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_lab.cli.results import PAPERS
+from lidar_outlier_lab.results.papers import kang, leslar, pirotti, pirotti_buses, roc
 from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
-from lidar_outlier_lab.results.papers.methods import METHODS
-from lidar_outlier_lab.results.papers.pages import PAGES
-from lidar_outlier_lab.results.papers.roc import statistics
-from lidar_outlier_lab.simulation.papers import (
-    aerial,
-    surface_truth,
-)
+from lidar_outlier_lab.results.papers.methods import METHODS, Counted, count
+from lidar_outlier_lab.results.samples import Sample
+from lidar_outlier_lab.simulation.papers import aerial, surface_truth
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 DOC = ROOT / 'doc' / 'papers'
 TABLES = ROOT / 'doc' / 'results' / 'papers'
 
 
-@pytest.mark.parametrize('name', PAGES)
+@pytest.mark.parametrize('name', PAPERS)
 def test_pages(name: str) -> None:
     """Every paper has a page with its generated part, steps, differences and open questions."""
     text = (DOC / f'{name}.md').read_text(encoding='utf-8')
@@ -57,7 +53,7 @@ def test_pages(name: str) -> None:
             assert (TABLES / line.partition('(')[2].removesuffix(')')).is_file(), line
 
 
-@pytest.mark.parametrize('name', PAGES)
+@pytest.mark.parametrize('name', PAPERS)
 def test_functions_are_there(name: str) -> None:
     """Every function that a page names exists."""
     text = (DOC / f'{name}.md').read_text(encoding='utf-8')
@@ -118,12 +114,27 @@ def test_the_letter_is_one() -> None:
 # Pirotti ------------------------------------------------------------------------------------------
 
 
+def two_outliers(count: int) -> tuple[Floats, Bytes]:
+    """Make a ball of points with a single outlier, and one that counts as clustered."""
+    rng = np.random.default_rng(1)
+    xyz = np.concatenate([rng.normal(size=(count, 3)), [[40.0, 0, 0], [0, 60.0, 0]]])
+    return xyz, np.array([0] * count + [Cause.SINGLE, Cause.CLUSTER], np.uint8)
+
+
+def test_statistics() -> None:
+    """SOR is the mean distance; SOR2 and LOF2 are distances from the median."""
+    xyz = np.random.default_rng(1).normal(size=(60, 3))
+    found = roc.statistics(Neighbourhood(xyz, 9), 4)
+    apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
+    np.testing.assert_allclose(found['SOR'], apart[:, 1:5].mean(axis=1))
+    for name in ('SOR', 'LOF'):
+        middle = np.median(found[name])
+        np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
+
+
 def test_explored() -> None:
     """Areas, thresholds and medians of a cloud in which a far outlier stands out."""
-    rng = np.random.default_rng(1)
-    xyz = np.concatenate([rng.normal(size=(300, 3)), [[40.0, 0, 0], [0, 60.0, 0]]])
-    code = np.zeros(302, np.uint8)
-    code[300:] = Cause.SINGLE, Cause.CLUSTER
+    xyz, code = two_outliers(300)
     found = roc.explore(xyz, code, Cause.CLUSTER, (3, 5))
     assert found.auc['SOR'] == [1.0, 1.0]
     assert found.best('SOR') == 0
@@ -134,7 +145,7 @@ def test_explored() -> None:
     assert best.single == best.clustered == (0, 1)
     assert best.below == (0, 0)
     assert list(found.curves['LOF']) == [3]
-    values = statistics(Neighbourhood(xyz, 5), 5)
+    values = roc.statistics(Neighbourhood(xyz, 5), 5)
     assert found.median['LOF'][1] == np.median(values['LOF'])
 
 
@@ -144,7 +155,7 @@ def test_pcl_lof_against_loops(k: int) -> None:
     rng = np.random.default_rng(k)
     xyz = np.concatenate([rng.normal(size=(60, 3)), rng.normal(size=(20, 3)) / 10 + 3, [[9, 9, 9]]])
     near = Neighbourhood(xyz, 15)
-    assert_allclose(pcl_lof.measure(near, k), naive.factors(xyz.tolist(), k), rtol=1e-12)
+    assert_allclose(roc.measure_pcl(near, k), naive.factors(xyz.tolist(), k), rtol=1e-12)
     found = pirotti.with_pcl(near, k)
     assert tuple(found) == pirotti.SHOWN
     middle = np.median(found[pirotti.PCL])
@@ -159,16 +170,13 @@ def test_mean_distance() -> None:
     rng = np.random.default_rng(1)
     xyz = np.concatenate([rng.uniform(0, 30, (31 * 900, 2)), np.zeros((31 * 900, 1))], axis=1)
     inside = (np.abs(xyz[:, :2] - 15) < 13).all(axis=1)
-    measured = statistics(Neighbourhood(xyz, 60), 60)['SOR'][inside].mean()
+    measured = roc.statistics(Neighbourhood(xyz, 60), 60)['SOR'][inside].mean()
     assert pirotti.mean_distance(60, 31.0) == pytest.approx(measured, rel=0.01)
 
 
 def test_tables_of_pirotti() -> None:
     """What is missed, the four counts, and what lies below the median."""
-    rng = np.random.default_rng(1)
-    xyz = np.concatenate([rng.normal(size=(400, 3)), [[40.0, 0, 0], [0, 60.0, 0]]])
-    code = np.zeros(402, np.uint8)
-    code[400:] = Cause.SINGLE, Cause.CLUSTER
+    xyz, code = two_outliers(400)
     got = roc.explore(xyz, code, Cause.CLUSTER, measure=pirotti.with_pcl)
     found = {'uniform': got}
     assert '| uniform | SOR | 3 | 0 of 1 | 0.00 % | 0 of 1 | 0.00 % |' in pirotti._missed(found)
@@ -189,4 +197,52 @@ def test_off_the_line() -> None:
     assert np.delete(off, 20).max() < 1.0
 
 
-# Pictures -----------------------------------------------------------------------------------------
+# Leslar -------------------------------------------------------------------------------------------
+
+
+def street() -> Sample:
+    """Lay out a road of 40 m by 2 m, a wall beside it, and outliers: three together, one alone."""
+    x, y = (part.ravel() / 5 for part in np.mgrid[:200, :10])
+    road = np.stack([x, y, np.zeros(len(x))], axis=1)
+    wall = np.stack([x, np.full(len(x), 2.2), y], axis=1)
+    outliers = np.array([[20.0, 1, 1], [20.5, 1, 1], [21.0, 1, 1], [2.0, 1, 1]])
+    xyz = np.concatenate([road, wall, outliers])
+    bad = np.arange(len(xyz)) >= 2 * len(x)
+    zeros = np.zeros(len(xyz), np.int64)
+    points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
+    data = Training((points,), bad, ~bad, zeros, 1, streamed=False)
+    kinds = np.repeat([Kind.ROAD, Kind.FACADE, Kind.AIR], [len(x), len(x), 4]).astype(np.uint8)
+    return Sample('leslar-c', 1, data, bad.astype(np.int64), False, False, kinds)  # noqa: FBT003
+
+
+def test_count() -> None:
+    """The road is counted alone; without one there is none."""
+    counted = count(street(), {'chain': ['sor'], 'sor.statistic': 'radius'})
+    assert counted.whole.total == len(counted.rejected) == 4004
+    assert counted.whole.found == 4
+    assert counted.road == 0.0
+    assert counted.seconds > 0.0
+    counted = count(street(), {'chain': ['sor'], 'sor.multiplier': 0.0})
+    assert counted.road == pytest.approx(counted.rejected[:2000].mean())
+
+
+def test_the_papers_table() -> None:
+    """Rows and percentages are those of the paper, and ours stand beside them."""
+    ours = Counted(Confusion(10, 21, 3, 966), 0.0, 1.0, np.zeros(0, np.bool_))
+    text = leslar._like_the_paper({'a': [ours, ours]}, 'a', ['C', 'A'])
+    lines = text.splitlines()
+    assert lines[0] == '|  | C: paper | C: ours | A: paper | A: ours |'
+    assert lines[2] == '| No. of outliers identified | 4 | 10 | 3,414 | 10 |'
+    assert lines[5] == '| % of outliers identified | 12.90 | 32.26 | 30.94 | 32.26 |'
+    assert lines[7] == '| % of point cloud identified incorrectly | 0.00 | 0.30 | 0.01 | 0.30 |'
+
+
+def test_strip() -> None:
+    """The stretch with the most outliers, the road and what is above it; no wall."""
+    sample = street()
+    rejected = sample.data.bad.copy()
+    one = leslar.cut_strip(sample, {'all': rejected})
+    assert one.bad.sum() == 3
+    assert (one.rejected['all'] == one.bad).all()
+    assert np.ptp(one.flat[:, 0]) < leslar.LENGTH
+    assert set(one.flat[:, 1]) == {0.0, 1.0}

@@ -1,38 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of the results: run time, real clouds, and the command itself."""
+"""The sections of the results, the command itself, and the pages that it writes."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from lidar_outlier_filter.cli import terminal
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_lab.results import real_clouds
-from lidar_outlier_lab.results.papers import roc
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_lab.results import markdown, real_clouds
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
-
 
 def quiet(_done: int, _total: int, _what: str) -> None:
     """Show no progress."""
-
-
-def test_statistics() -> None:
-    """SOR is the mean distance; SOR2 and LOF2 are distances from the median."""
-    xyz = np.random.default_rng(1).normal(size=(60, 3))
-    found = roc.statistics(Neighbourhood(xyz, 9), 4)
-    apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
-    np.testing.assert_allclose(found['SOR'], apart[:, 1:5].mean(axis=1))
-    for name in ('SOR', 'LOF'):
-        middle = np.median(found[name])
-        np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
 
 
 def test_labelled_clouds(real_data: Path) -> None:
@@ -73,3 +60,30 @@ def test_the_command(
     assert said.err.startswith('results: section contest, 0%\n')
     assert main([*command, '--sections', 'real']) == 0
     assert page.read_text() == text
+
+
+def test_only_what_is_between_markers_changes(tmp_path: Path) -> None:
+    """New sections stand at the end; text around sections is not touched; pictures are beside."""
+    page, picture = tmp_path / 'doc' / 'page.md', tmp_path / 'some.png'
+    picture.write_bytes(b'PNG')
+    page.parent.mkdir()
+    page.write_text('# Mine\n')
+    for section in ('one', 'two'):
+        markdown.write(page, section, f'text of {section}', [picture])
+    text = page.read_text().replace('<!-- begin two', 'Between.\n\n<!-- begin two') + '\nAfter.\n'
+    assert text.startswith('# Mine\n\n<!-- begin one')
+    page.write_text(text)
+    markdown.write(page, 'one', 'other')
+    assert page.read_text() == text.replace('text of one', 'other')
+    assert (page.parent / 'images' / 'some.png').read_bytes() == b'PNG'
+    assert sorted(path.name for path in page.parent.iterdir()) == ['images', 'page.md']
+
+
+@pytest.mark.parametrize('broken', [markdown.begin_of('one'), markdown.end_of('one')])
+def test_a_broken_page_is_refused(tmp_path: Path, broken: str) -> None:
+    """With one marker only nobody knows what to replace; nothing is written."""
+    path = tmp_path / 'page.md'
+    path.write_text(f'Mine.\n{broken}\n')
+    with pytest.raises(RecordingError, match='markers of one must be both'):
+        markdown.write(path, 'one', 'text')
+    assert path.read_text() == f'Mine.\n{broken}\n'

@@ -43,12 +43,11 @@ def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
     if is_built:
         ground = hills((40.0, 40.0), 0.5, 0.2, rng)
         land = build(ground, 0.5, Plants(3, 12, tall=(4.0, 9.0)), rng)
-    rays = 60
-    origin = np.stack([*rng.uniform(5.0, 35.0, (2, rays)), np.full(rays, 30.0)])
-    direction = np.stack([*rng.uniform(-0.25, 0.25, (2, rays)), np.full(rays, -1.0)])
+    origin = np.stack([*rng.uniform(5.0, 35.0, (2, 60)), np.full(60, 30.0)])
+    direction = np.stack([*rng.uniform(-0.25, 0.25, (2, 60)), np.full(60, -1.0)])
     direction /= np.linalg.norm(direction, axis=0)
-    distance, kind = land.cast(origin, direction, np.zeros(rays))
-    expected = [slow(land, origin[:, n], direction[:, n]) for n in range(rays)]
+    distance, kind = land.cast(origin, direction, np.zeros(60))
+    expected = [slow(land, *ray) for ray in zip(origin.T, direction.T, strict=True)]
     off = np.abs(distance - expected)
     # The edge of a wall that is met within a single long step may be jumped over.
     assert np.count_nonzero(off > 2 * STEP) <= 2

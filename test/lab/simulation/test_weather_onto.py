@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.clouds import STORE
+from helpers.drives import STRING, cdr, content, topic_of
 from numpy.lib.recfunctions import repack_fields
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError
@@ -21,11 +22,12 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.pipeline.topics import CLOUD
+from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_lab.simulation.presets import WEATHER_NAMES
 from lidar_outlier_lab.simulation.weather.beams import FEWEST
 from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
 from lidar_outlier_lab.simulation.weather.labelled_cloud import LabelledCloud
-from lidar_outlier_lab.simulation.weather.names import WEATHER_NAMES
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
@@ -34,31 +36,25 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Rows
     from lidar_outlier_filter.core.points.points import Points
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-CLOUD = 'sensor_msgs/msg/PointCloud2'
+TOPIC = '/velodyne_points'
 PAGE = ROOT / 'doc' / 'evaluate.md'
 TURN = 2 * np.pi
 
 
-class Sensor(NamedTuple):
-    """The field of the times; and how well the time says the azimuth, rad."""
-
-    time: str
-    fineness: float = 0.01
-
-
-# Float32 and float64 times, organised, and missing rows in a list: with 250 times a turn.
+# The field of the times, and how well a time says the azimuth, rad: float32 and float64 times, an
+# organised cloud, and missing rows in a list, with 250 times a turn.
 SENSORS = {
-    'vlp16_mrpt_mcap': Sensor('time'),
-    'hesai_xt32_nebula_mcap': Sensor('stamp'),
-    'os0_32.bag': Sensor('t'),
-    'cloudini_lidar_link_mcap': Sensor('timestamp', TURN / 250),
+    'vlp16_mrpt_mcap': ('time', 0.01),
+    'hesai_xt32_nebula_mcap': ('stamp', 0.01),
+    'os0_32.bag': ('t', 0.01),
+    'cloudini_lidar_link_mcap': ('timestamp', TURN / 250),
 }
+BRIGHT = ('intensity', 'reflectivity')
 
 
 def reading(name: str) -> FilterParameters:
     """Return how the clouds of a sensor are read."""
-    return FilterParameters().changed({'time_field': SENSORS[name].time})
+    return FilterParameters().changed({'time_field': SENSORS[name][0]})
 
 
 def first_cloud(recordings: Path, name: str) -> Any:
@@ -110,9 +106,6 @@ def test_what_is_left_alone(real_data: Path, name: str, weather: str) -> None:
     assert len(hidden) <= np.count_nonzero(label) + np.count_nonzero(~there)
 
 
-BRIGHT = ('intensity', 'reflectivity')
-
-
 @pytest.mark.parametrize('name', SENSORS)
 def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
     """Each is on its ring, at the azimuth of its time, and what says its range is true."""
@@ -139,7 +132,7 @@ def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
         expected += [1, -1][best] * TURN * (points.t[mine] - old.t.max()) / 1e8
         off = np.angle(np.exp(1j * (expected - azimuth[mine])))
         inside = (points.t[mine] > points.t[order[0]]) & (points.t[mine] < points.t[order[-1]])
-        assert np.median(np.abs(off[inside])) < SENSORS[name].fineness
+        assert np.median(np.abs(off[inside])) < SENSORS[name][1]
     if 'range' in (new.dtype.names or ()):
         np.testing.assert_allclose(new['range'][snow], 1000 * points.range[snow], rtol=0.02)
 
@@ -189,15 +182,6 @@ def test_hidden_like_what_is_missing(
     assert [[*row][:3] for row in made[:3].tolist()] == [[0, 1, 1], [1, 0, 1], [1, 1, 0]]
 
 
-def random_cloud(fields: list[tuple[str, str]], count: int = 4000) -> Any:
-    """Make a cloud of points anywhere."""
-    rng = np.random.default_rng(1)
-    points = np.zeros(count, fields)
-    for name, kind in fields:
-        points[name] = np.arange(count) if kind == '<u4' else rng.uniform(1, 9, count)
-    return to_message(10**18, points)
-
-
 XYZ = [(axis, '<f4') for axis in 'xyz']
 
 
@@ -213,14 +197,17 @@ XYZ = [(axis, '<f4') for axis in 'xyz']
 )
 def test_refused(fields: list[tuple[str, str]], returns: str, words: str) -> None:
     """Clouds in which no sensor spins, and clouds that do not say when and where it looked."""
+    rng, points = np.random.default_rng(1), np.zeros(4000, fields)
+    for name, kind in fields:
+        points[name] = np.arange(4000) if kind == '<u4' else rng.uniform(1, 9, 4000)
     parameters = FilterParameters().changed({'points_per_second': 1e6})
     with pytest.raises(FilterError, match=words):
-        CloudWeather('rain', 1, returns, parameters).put(random_cloud(fields))
+        CloudWeather('rain', 1, returns, parameters).put(to_message(10**18, points))
 
 
 def excerpt(recordings: Path, folder: Path, count: int = 2) -> Path:
     """Write the first clouds of a recording, and between them another topic."""
-    other = Topic('/note', 'std_msgs/msg/String', 'string data\n', '', ())
+    other = topic_of('/note', STRING)
     with Recording(recordings / 'bags' / 'vlp16_mrpt_mcap') as source, NewBag(folder) as bag:
         for topic in source.topics:
             bag.add(topic)
@@ -228,14 +215,8 @@ def excerpt(recordings: Path, folder: Path, count: int = 2) -> Path:
         for number, (topic, time, data) in enumerate(source.messages()):
             if number < count:
                 bag.write(topic, time, data)
-                bag.write(other, time, bytes([0, 1, 0, 0, 2, 0, 0, 0, 65 + number, 0]))
+                bag.write(other, time, cdr(STRING, f'{number}'))
     return folder
-
-
-def content(bag: Path) -> list[tuple[str, int, bytes]]:
-    """Read all messages."""
-    with Recording(bag) as source:
-        return [(topic.name, time, data) for topic, time, data in source.messages()]
 
 
 def test_recipe(
@@ -254,8 +235,8 @@ def test_recipe(
         assert command == 'lidar-outlier-filter'
         assert main(arguments) == 0, capsys.readouterr().err
     before, after = (content(tmp_path / name) for name in ('my_drive', 'my_drive_light_snow'))
-    assert [c for c in before if c[0] == '/note'] == [c for c in after if c[0] == '/note']
-    assert [c[:2] for c in before] == [c[:2] for c in after]
+    assert before['/note'] == after['/note']
+    assert [time for time, _ in before[TOPIC]] == [time for time, _ in after[TOPIC]]
     judged = read_recording(tmp_path / 'my_drive_light_snow_cleaned')
     snow = judged.code == Cause.SNOW
     assert judged.rejected[snow].mean() > 0.8
