@@ -24,13 +24,7 @@ from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from lidar_outlier_filter.disk.new_files import (
-    FOLDER,
-    check_new,
-    hidden_folder,
-    publish,
-    writable,
-)
+from lidar_outlier_filter.disk.new_files import FOLDER, new_files
 from lidar_outlier_filter.disk.sqlite_pages import damage_of
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.parameters.declaration import shown
@@ -106,7 +100,7 @@ class Recording:
             _check_databases(self.path)
             reader: Reader1 | Reader2
             if self.path.suffix == '.bag' and not self.path.is_dir():
-                reader = stack.enter_context(_ros1_reader(self.path))
+                reader = _ros1_reader(self.path, stack)
                 self._channels = ros1_channels(reader.connections)
                 self.message_count = reader.message_count
             else:
@@ -126,12 +120,7 @@ class Recording:
             self._close = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         """Close the recording."""
         self._close.close()
 
@@ -167,18 +156,15 @@ class Recording:
                 yield topic, time, to_cdr(data)
 
 
-@contextmanager
-def _ros1_reader(path: RecordingPath) -> Iterator[Reader1]:
+def _ros1_reader(path: RecordingPath, stack: ExitStack) -> Reader1:
     """Open a ROS 1 bag; name the tool that repairs its index."""
-    with ExitStack() as stack:
-        try:
-            reader = stack.enter_context(Reader1(path))
-        except (Reader1Error, AssertionError) as err:
-            got = f'{said_by(err)}; `rosbag reindex` restores a bag that was cut off'
-            refusal = RecordingError(f'the recording {path}', 'readable', got)
-            refusal.is_damage = False
-            raise refusal from err
-        yield reader
+    try:
+        return stack.enter_context(Reader1(path))
+    except (Reader1Error, AssertionError) as err:
+        got = f'{said_by(err)}; `rosbag reindex` restores a bag that was cut off'
+        refusal = RecordingError(f'the recording {path}', 'readable', got)
+        refusal.is_damage = False
+        raise refusal from err
 
 
 def check_regular(path: RecordingPath) -> None:
@@ -250,14 +236,11 @@ def _is_complete(part: McapReader) -> bool:
     counts = None if summary is None else summary.statistics
     if counts is None:
         return not part.chunks
-    indexed = sum(sum(chunk.channel_count.values()) for chunk in part.chunks)
-    found = (
-        (len(part.chunks), indexed) if part.chunks else (counts.chunk_count, counts.message_count)
-    )
-    channels = {one.id for one in part.connections}
-    return (counts.chunk_count, counts.message_count) == found and (
-        counts.channel_message_counts.keys() <= channels
-    )
+    if part.chunks:
+        indexed = sum(sum(chunk.channel_count.values()) for chunk in part.chunks)
+        if (counts.chunk_count, counts.message_count) != (len(part.chunks), indexed):
+            return False
+    return counts.channel_message_counts.keys() <= {one.id for one in part.connections}
 
 
 class NewBag:
@@ -281,12 +264,10 @@ class NewBag:
 
     def __enter__(self) -> Self:
         """Begin the bag in its hidden folder."""
-        check_new(self.path, FOLDER)
-        with ExitStack() as stack, writable(self.path):
+        with ExitStack() as stack:
             # In the hidden folder it has its final name already: its files are named after it.
-            self._built = stack.enter_context(hidden_folder(self.path)) / self.path.name
-            stack.push(self._publish)
-            writer = Writer(self._built, version=9, storage_plugin=StoragePlugin.MCAP)
+            (built,) = stack.enter_context(new_files([self.path], FOLDER, RecordingError))
+            writer = Writer(built, version=9, storage_plugin=StoragePlugin.MCAP)
             for key, value in self._custom_data.items():
                 writer.set_custom_data(key, value)
             self._writer = stack.enter_context(writer)
@@ -301,17 +282,7 @@ class NewBag:
         trace: TracebackType | None,
     ) -> None:
         """Finish the bag and give it its name, or remove it if there was an error."""
-        with writable(self.path):
-            self._finish.__exit__(kind, error, trace)
-
-    def _publish(
-        self,
-        kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            publish(self._built, self.path)
+        self._finish.__exit__(kind, error, trace)
 
     def add(self, topic: Topic) -> None:
         """Add a topic; it is in the bag even if no message follows."""
@@ -333,8 +304,7 @@ class NewBag:
         if not 0 <= time <= LATEST:
             must_be = f'from 0 to {LATEST} ns'
             raise RecordingError(f'the bag time of a message of {topic.name}', must_be, time)
-        with writable(self.path):
-            self._writer.write(self._connections[topic], time, data)
+        self._writer.write(self._connections[topic], time, data)
 
 
 @contextmanager

@@ -209,24 +209,19 @@ def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
         write()
 
 
-def test_unknown_formats(tmp_path: Path) -> None:
-    """A suffix that is unknown, a folder, and a file that is not there are refused."""
-    for name, sentence in (
-        ('cloud.pts', r"must be one of \.las \.laz .*, got '\.pts'"),
-        ('cloud', "must be one of .*, got ''"),
-        ('cloud.las', r'cloud\.las must be a file, got none'),
-        ('folder.las', r'folder\.las must be a file, got a folder'),
+def test_what_is_no_cloud(tmp_path: Path) -> None:
+    """Unknown suffixes, folders, missing files, and tables of other formats are refused."""
+    (tmp_path / 'folder.las').mkdir()
+    (tmp_path / 'cloud.ply').touch()
+    for name, table, sentence in (
+        ('cloud.pts', None, r"must be one of \.las \.laz .*, got '\.pts'"),
+        ('cloud', None, "must be one of .*, got ''"),
+        ('cloud.las', None, r'cloud\.las must be a file, got none'),
+        ('folder.las', None, r'folder\.las must be a file, got a folder'),
+        ('cloud.ply', 'points', r"given for a database only, not for \.ply, got 'points'"),
     ):
-        if name.startswith('folder'):
-            (tmp_path / name).mkdir()
         with pytest.raises(CloudError, match=sentence):
-            open_cloud(tmp_path / name)
-
-
-def test_a_table_for_databases_only(real_data: Path) -> None:
-    """A file that has no tables must not be asked for one."""
-    with pytest.raises(CloudError, match=r"given for a database only, not for \.ply, got 'points'"):
-        open_cloud(real_data / 'clouds' / 'source.ply', 'points')
+            open_cloud(tmp_path / name, table)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from helpers.cloud_files import columns, copied
+from helpers.cloud_files import copied
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
@@ -162,17 +162,6 @@ def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> Non
         database.execute('PRAGMA ignore_check_constraints = ON')
         database.execute(f'{MANY} INSERT INTO t ({names}) SELECT {values} FROM n')  # noqa: S608
     assert said in opened(path)
-
-
-@pytest.mark.slow
-def test_a_value_that_all_rows_share(tmp_path: Path) -> None:
-    """A default of a column that came later is in the file once, and in each of its rows."""
-    path = tmp_path / 'cloud.db'
-    number = '1.' + '0' * 900_000
-    run(path, 'CREATE TABLE t (x, y)', MANY + ' INSERT INTO t SELECT 1, 2 FROM n')  # noqa: S608
-    run(path, f"ALTER TABLE t ADD COLUMN z TEXT DEFAULT '{number}'")
-    assert opened(path) == 'copied'
-    assert columns(path, 'z')[0].tolist() == [1.0] * 2000
 
 
 def test_a_virtual_table(tmp_path: Path) -> None:

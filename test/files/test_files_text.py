@@ -95,11 +95,11 @@ def test_separators(tmp_path: Path, separator: str, names: str, mark: bytes) -> 
     np.testing.assert_array_equal(columns(copy)[3], verdict(2)['outlier'])
 
 
-@pytest.mark.parametrize('data', [b'1   2 3 \n\n 4 5    6\n   \n7 8 9', b'1 2 3\n4 5 6\n7 8 9\n\n'])
-def test_blanks_and_empty_lines(tmp_path: Path, data: bytes) -> None:
+def test_blanks_and_empty_lines(tmp_path: Path) -> None:
     """Several blanks are one separator, those at the end none; empty lines are no rows."""
-    path = make(tmp_path, data, 'cloud.txt')
-    assert [column.tolist() for column in columns(path)] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
+    for data in (b'1   2 3 \n\n 4 5    6\n   \n7 8 9', b'1 2 3\n4 5 6\n7 8 9\n\n'):
+        path = make(tmp_path, data, 'cloud.txt')
+        assert [column.tolist() for column in columns(path)] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
 
 
 def test_rows_of_empty_fields(tmp_path: Path) -> None:

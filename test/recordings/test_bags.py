@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections import Counter
 from dataclasses import astuple
 from typing import TYPE_CHECKING, Any
 
@@ -209,27 +208,21 @@ def test_ros1_becomes_ros2(tmp_path: Path) -> None:
     """Publishers of a topic are one, latched ones last, headers lose their number."""
     target = copy(write_ros1(tmp_path / 'old.bag'), tmp_path / 'target')
     with AnyReader([target]) as reader:
-        described_by = {(c.topic, c.msgtype, c.msgcount, c.digest) for c in reader.connections}
+        topics = {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
+        (camera,) = (c.digest for c in reader.connections if c.topic == '/camera')
         read: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()]
-    assert {row[:3] for row in described_by} == {
-        ('/text', STRING, 2),
-        ('/door', DOOR, 1),
-        ('/tf', 'tf2_msgs/msg/TFMessage', 1),
-        ('/camera', CAMERA, 0),
-    }
-    assert ('/camera', CAMERA, 0, JAZZY.hash_rihs01(CAMERA)) in described_by
+    frames_type = 'tf2_msgs/msg/TFMessage'
+    others = {'/tf': (frames_type, 1), '/camera': (CAMERA, 0)}
+    assert topics == {'/text': (STRING, 2), '/door': (DOOR, 1), **others}
+    assert camera == JAZZY.hash_rihs01(CAMERA)
     hello, world, door, frames = read
     assert (hello.data, world.data) == ('hello', 'world')
     assert (door.header.stamp.nanosec, door.header.frame_id, door.angle) == (2, 'map', 0.5)
     assert not hasattr(door.header, 'seq')
     assert frames.transforms == []
     with Recording(target) as recording:
-        assert {topic.name: topic.qos for topic in recording.topics} == {
-            '/text': (LATCHED,),
-            '/door': (),
-            '/tf': (),
-            '/camera': (),
-        }
+        offered = {topic.name: topic.qos for topic in recording.topics}
+    assert offered == dict.fromkeys(topics, ()) | {'/text': (LATCHED,)}
 
 
 def test_ros1_type_with_two_definitions_is_refused(tmp_path: Path) -> None:
@@ -252,11 +245,6 @@ def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
     target = copy(write_bag(tmp_path / 'source', StoragePlugin.SQLITE3), tmp_path / 'target')
     assert sorted(path.name for path in target.iterdir()) == ['metadata.yaml', 'target.mcap']
     assert not any(b'partial' in path.read_bytes() for path in target.iterdir())
-    information = yaml.safe_load((target / 'metadata.yaml').read_text())
-    information = information['rosbag2_bagfile_information']
-    assert information['relative_file_paths'] == ['target.mcap']
-    assert [file['path'] for file in information['files']] == ['target.mcap']
-    assert information['message_count'] == len(MESSAGES)
     with (target / 'target.mcap').open('rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert isinstance(reader, SeekingReader)
@@ -265,28 +253,33 @@ def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
         indexed = {
             channel for index in summary.chunk_indexes for channel in index.message_index_offsets
         }
-        counts = Counter(TOPICS[topic].name for topic, _ in MESSAGES)
-        assert {summary.channels[channel].topic for channel in indexed} == set(counts)
+        names = {TOPICS[topic].name for topic, _ in MESSAGES}
+        assert {summary.channels[channel].topic for channel in indexed} == names
         words = [item.decoded_message.data for item in reader.iter_decoded_messages('/text')]
         assert words == ['message 2', 'message 3', 'message 1', 'message 8']
 
 
-def write_until(target: Path, error: type[BaseException]) -> None:
+def write_until(target: Path, time: int, error: type[BaseException]) -> None:
     """Write a message, see that it is hidden, and come upon an error."""
     with NewBag(target) as bag:
         bag.add(TOPICS[1])
-        bag.write(TOPICS[1], 1, text('lost'))
         (hidden,) = target.parent.iterdir()
         assert hidden.name.startswith('.target.partial-')
+        bag.write(TOPICS[1], time, text('lost'))
         raise error
 
 
 def test_bag_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     """Before the end there is only a hidden folder; after an error or a Ctrl-C there is nothing."""
     target = tmp_path / 'target'
-    for error in (ValueError, KeyboardInterrupt, SystemExit):
+    for time, error in ((1, ValueError), (1, KeyboardInterrupt), (1, SystemExit)):
         with pytest.raises(error):
-            write_until(target, error)
+            write_until(target, time, error)
+        assert list(tmp_path.iterdir()) == []
+    for time in (-1, 2**63):
+        must_be = 'the bag time of a message of /text must be from 0'
+        with pytest.raises(RecordingError, match=must_be):
+            write_until(target, time, ValueError)
         assert list(tmp_path.iterdir()) == []
     with NewBag(target) as bag:
         bag.add(TOPICS[1])
@@ -295,29 +288,14 @@ def test_bag_appears_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_messages_are_written_as_they_come(tmp_path: Path) -> None:
-    """Of 64 MiB, no more than two chunks are not yet in the file."""
+    """Of 16 MiB, no more than two chunks are not yet in the file."""
     megabyte = bytes(2**20)
     with NewBag(tmp_path / 'bag') as bag:
         bag.add(TOPICS[0])
-        for count in range(1, 65):
+        for count in range(1, 17):
             bag.write(TOPICS[0], count, megabyte)
             (file,) = tmp_path.rglob('*.mcap')
             assert file.stat().st_size > (count - 2) * len(megabyte)
-
-
-def write_at(path: Path, time: int) -> None:
-    """Write a message at a bag time."""
-    with NewBag(path) as bag:
-        bag.add(TOPICS[1])
-        bag.write(TOPICS[1], time, text('early'))
-
-
-@pytest.mark.parametrize('time', [-1, 2**63])
-def test_impossible_bag_time(tmp_path: Path, time: int) -> None:
-    """A bag time that no bag can hold is refused in one sentence, and nothing is left."""
-    with pytest.raises(RecordingError, match='the bag time of a message of /text must be from 0'):
-        write_at(tmp_path / 'bag', time)
-    assert list(tmp_path.iterdir()) == []
 
 
 def read_all(path: Path) -> int:

@@ -9,10 +9,8 @@ import shutil
 import struct
 import tracemalloc
 from itertools import product
-from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -88,22 +86,17 @@ def test_pipes(drive: Path, tmp_path: Path, name: str) -> None:
         read_all(recording)
 
 
-def write(path: Path, compression: CompressionType, size: int = 1000) -> Path:
+def write(path: Path, compression: CompressionType, size: int = 1000, **use: Any) -> Path:
     """Write an MCAP file of ROS 2 with 20 messages in several chunks."""
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=4 * size, compression=compression)
-        fill(writer, size)
+        writer = Writer(stream, chunk_size=4 * size, compression=compression, **use)
+        writer.start('ros2')
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
+        channel = writer.register_channel('/text', 'cdr', schema)
+        for i in range(20):
+            writer.add_message(channel, i, bytes(size), i)
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
-
-
-def fill(writer: Writer, size: int) -> None:
-    """Write 20 messages."""
-    writer.start('ros2')
-    schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
-    channel = writer.register_channel('/text', 'cdr', schema)
-    for i in range(20):
-        writer.add_message(channel, i, bytes(size), i)
-    writer.finish()  # type: ignore[no-untyped-call]
 
 
 @pytest.mark.parametrize('compression', [CompressionType.ZSTD, CompressionType.LZ4])
@@ -126,9 +119,7 @@ def test_index(tmp_path: Path, options: tuple[bool, ...], compression: Compressi
     """Whatever of the index a file lacks, its messages are all found, or it is refused."""
     use = dict(zip(('use_chunking', 'use_statistics', 'repeat_channels'), options, strict=False))
     kinds = IndexType.ALL if options[3] else IndexType.NONE
-    path = tmp_path / 'a.mcap'
-    with path.open('wb') as stream:
-        fill(Writer(stream, chunk_size=4000, compression=compression, index_types=kinds, **use), 99)
+    path = write(tmp_path / 'a.mcap', compression, 99, index_types=kinds, **use)
     chunks, statistics, channels, index = options
     if (statistics and channels) or not (statistics or (chunks and index)):
         assert read_all(path) == 20
@@ -162,21 +153,3 @@ def check_refused(path: Path) -> None:
     with salvaged(path, path.with_name('out'), 10**9) as (copy, lost):
         assert read_all(copy) == 20
         assert not lost.reasons
-
-
-@pytest.mark.parametrize('seed', range(5))
-def test_lying_lengths(tmp_path: Path, seed: int) -> None:
-    """A file in which eight bytes are another number is read to its end, or refused, soon."""
-    rng = np.random.default_rng(seed)
-    path = write(tmp_path / 'a.mcap', CompressionType.ZSTD)
-    whole = path.read_bytes()
-    for _ in range(30):
-        offset = int(rng.integers(8, len(whole) - 8))
-        wrong = struct.pack('<Q', int(rng.choice([0, 2**16, 2**31, 2**40, 2**63])))
-        path.write_bytes(whole[:offset] + wrong + whole[offset + 8 :])
-        begin = perf_counter()
-        try:
-            read_all(path)
-        except RecordingError as err:
-            assert '\n' not in str(err)  # noqa: PT017  either is right
-        assert perf_counter() - begin < 2

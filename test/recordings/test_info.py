@@ -153,7 +153,6 @@ def test_command_on_a_recording(real_data: Path, capsys: Capture) -> None:
         'ring uint16',
         '16 rings',
         'even steps of 1.9°',
-        'defaults reject',
         '× real time',
     ):
         assert part in text
@@ -185,10 +184,6 @@ def test_command_on_a_file(real_data: Path, capsys: Capture) -> None:
     assert '106 points' in text
     assert 'gps_time' in text
     assert 'judged by trees on the neighbours of each point' in text
-    info = describe_file(path)
-    assert set(info.extent) <= set(info.columns)
-    low, high = info.extent['z']
-    assert low < high
 
 
 def test_extent_of_a_file(tmp_path: Path) -> None:
@@ -196,9 +191,7 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / 'a.csv'
     path.write_text('x,y,note\n1,nan,a\n-2.5,7,b\n')
     info = describe_file(path)
-    assert info.points == 2
-    assert info.extent['x'] == (-2.5, 1.0)
-    assert info.extent['y'] == (7.0, 7.0)
+    assert (info.points, info.extent) == (2, {'x': (-2.5, 1.0), 'y': (7.0, 7.0)})
 
 
 @pytest.mark.parametrize(

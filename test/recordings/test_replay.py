@@ -186,25 +186,24 @@ def test_two_types_on_one_topic(tmp_path: Path) -> None:
     (topic,) = report.topics
     assert report.is_complete
     assert (topic.messages, topic.points, topic.refusals) == (6, 1200, {})
-    one_type = write_drive(tmp_path / 'one', map(cloud, range(6)))
-    replay(one_type, tmp_path / 'alone')
-    both, alone = content(tmp_path / 'out'), content(tmp_path / 'alone')
-    assert both['/lidar'] == content(source)['/lidar']
-    for answer in ('/lidar/cleaned', '/lidar/outliers'):
-        assert both[answer] == alone[answer]
+    assert content(tmp_path / 'out')['/lidar'] == content(source)['/lidar']
     replay(source, tmp_path / 'without', drop_input=True)
     assert [data for _, data in content(tmp_path / 'without')['/lidar']] == [
         cdr(STRING, f'cloud {index}') for index in range(6)
     ]
 
 
-@pytest.mark.parametrize('blocks', ['auto', 'message', 'time'])
-@pytest.mark.parametrize('answered', ['at once', 'at the end'])
-def test_a_cloud_stands_before_its_answers(tmp_path: Path, blocks: str, answered: str) -> None:
+@pytest.mark.parametrize(
+    'values',
+    [
+        *({'blocks': blocks} for blocks in ('auto', 'message', 'time')),
+        {'block': 60.0, 'max_delay': 100.0},  # answered at the end
+    ],
+)
+def test_a_cloud_stands_before_its_answers(tmp_path: Path, values: dict[str, object]) -> None:
     """At one time a cloud is in the output before what was made of it: cleaned, then outliers."""
-    long = {'block': 60.0, 'max_delay': 100.0} if answered == 'at the end' else {}
     source = write_drive(tmp_path / 'drive', map(cloud, range(6)))
-    replay(source, tmp_path / 'out', parameters={'blocks': blocks, **long})
+    replay(source, tmp_path / 'out', parameters=values)
     with Recording(tmp_path / 'out') as recording:
         order = [(time, topic.name) for topic, time, _ in recording.messages()]
     names = ('/lidar', '/lidar/cleaned', '/lidar/outliers')
@@ -229,44 +228,36 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
     """No clouds, an unknown topic, a taken name and a wrong parameter: one sentence, no output."""
     source = write_drive(tmp_path / 'drive', [cloud(0)], ('/lidar', '/lidar/cleaned'))
     clouds = write_drive(tmp_path / 'none', [], ())
-    output = tmp_path / 'out'
-    with pytest.raises(
-        RecordingError, match=r'PointCloud2, got /text \(std_msgs/msg/String\), /door'
+    out, wrong = tmp_path / 'out', {'alpha_beta_gamma.before': -1}
+    for error, sentence, arguments in (
+        (RecordingError, r'PointCloud2, got /text \(std_msgs/msg/String\), /door', (clouds, out)),
+        (RecordingError, "one of /lidar, /lidar/cleaned, got '/text'", (source, out, ['/text'])),
+        (RecordingError, 'answer to /lidar must be a topic that', (source, out)),
+        (ParameterError, r'alpha_beta_gamma\.before must be', (source, out, ['/lidar'], wrong)),
+        (RecordingError, 'must be a new folder', (source, source, ['/lidar/cleaned'])),
     ):
-        replay(clouds, output)
-    with pytest.raises(RecordingError, match="one of /lidar, /lidar/cleaned, got '/text'"):
-        replay(source, output, ['/text'])
-    with pytest.raises(RecordingError, match='answer to /lidar must be a topic that'):
-        replay(source, output)
-    with pytest.raises(ParameterError, match=r'alpha_beta_gamma\.before must be'):
-        replay(source, output, ['/lidar/cleaned'], {'alpha_beta_gamma.before': -1})
-    with pytest.raises(RecordingError, match='must be a new folder'):
-        replay(source, source, ['/lidar/cleaned'])
+        with pytest.raises(error, match=sentence):
+            replay(*arguments)
     assert sorted(path.name for path in tmp_path.iterdir()) == ['drive', 'none']
-    replay(source, output, ['/lidar/cleaned'])
+    replay(source, out, ['/lidar/cleaned'])
 
 
-@pytest.mark.parametrize(
-    'name',
-    ['512x10_raw.bag', 'continental_ars548', 'example.bag', 'example-bz2.bag', 'example-lz4.bag'],
-)
+@pytest.mark.parametrize('name', ['512x10_raw.bag', 'continental_ars548', 'example.bag'])
 def test_real_recording_without_clouds(real_data: Path, tmp_path: Path, name: str) -> None:
     """Raw packets, radar and turtles are no clouds; the sentence says what is there instead."""
-    with pytest.raises(
-        RecordingError, match=r'must be one with a topic of type .*, got /\w+'
-    ) as no:
+    sentence = r'must be one with a topic of type .*, got /\w+'
+    with pytest.raises(RecordingError, match=sentence):
         replay(real_data / 'not_lidar' / name, tmp_path / 'out')
-    assert '\n' not in str(no.value)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize('name', ['out', 'deep/out', '../drive/out'])
-def test_output_within_the_recording(tmp_path: Path, name: str) -> None:
+def test_output_within_the_recording(tmp_path: Path) -> None:
     """A recording stays as it is: nothing is written into its folder."""
     source = write_drive(tmp_path / 'drive', [cloud(0)])
     before = sorted(source.iterdir())
-    with pytest.raises(RecordingError, match=r'the output must be outside of .*drive, which'):
-        replay(source, source / name)
+    for name in ('out', 'deep/out', '../drive/out'):
+        with pytest.raises(RecordingError, match=r'the output must be outside of .*drive, which'):
+            replay(source, source / name)
     assert sorted(source.iterdir()) == before
 
 
