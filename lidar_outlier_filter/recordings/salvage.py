@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -21,6 +21,7 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, get_chunk_data_stream
+from mcap.summary import Summary
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -34,7 +35,6 @@ from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
 from lidar_outlier_filter.errors import RecordingError, printable, said_by
 from lidar_outlier_filter.recordings.bags import (
-    LATEST,
     NewBag,
     Recording,
     check_metadata,
@@ -45,8 +45,6 @@ from lidar_outlier_filter.recordings.channels import ros2_channels
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
-
-    from mcap.summary import Summary
 
     from lidar_outlier_filter.recordings.channels import Topic
 
@@ -128,19 +126,16 @@ def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) ->
     with NewBag(copy, bag.get('custom_data') or {}) as new:
         for file in _files(path, bag, losses):
             for topic, time, data in _open(file, folder, largest, losses):
-                key = (topic.name, topic.msgtype)
-                if key not in topics:
+                if (key := (topic.name, topic.msgtype)) not in topics:
                     new.add(topics.setdefault(key, topic))
                 if data is None:
                     continue
                 try:
-                    new.write(
-                        topics[key], time, _checked(topic, time, data, largest, zipped=zipped)
-                    )
+                    whole = _checked(topic, time, data, largest, zipped=zipped)
+                    new.write(topics[key], time, whole)
+                    found += 1
                 except RecordingError as err:
                     losses.add(str(err), messages=1)
-                else:
-                    found += 1
     counted = bag.get('message_count')
     missing = max(losses.expected, counted if type(counted) is int else 0) - found - losses.messages
     if missing > 0:
@@ -150,8 +145,6 @@ def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) ->
 def _checked(topic: Topic, time: int, data: bytes, largest: int, *, zipped: bool) -> bytes:
     """Give the bytes of a message, unpacked; refuse one that a bag cannot hold."""
     what = f'a message of {topic.name} at {time} ns'
-    if not 0 <= time <= LATEST:
-        raise RecordingError(what, f'from 0 to {LATEST} ns', 'another time')
     try:
         data = DECOMPRESSORS['zstd'](data, 0) if zipped else data
     except Exception as err:  # a private type of the version of Python
@@ -246,19 +239,18 @@ class _McapFile:
         """Give its topics and messages, each topic before its messages."""
         indexed = 0  # messages in chunks, and others
         with self._path.open('rb') as stream:
-            summary = _summary(stream)
-            for records in (summary.schemas, summary.channels) if summary else ():
-                for described in records.values():
-                    yield from self._items(described)
-            starts = [one.chunk_start_offset for one in summary.chunk_indexes] if summary else []
-            for record in self._file_records(stream, sorted(starts)):
-                if isinstance(record, Chunk):
-                    yield from self._chunk_items(record)
-                else:
-                    indexed += len(record.records) if isinstance(record, MessageIndex) else 0
-                    indexed += isinstance(record, Message)
-                    yield from self._items(record)
-        statistics = summary and summary.statistics
+            summary = Summary()
+            with suppress(Exception):  # on damaged bytes, decoders raise anything
+                summary = SeekingReader(stream).get_summary() or summary
+            for described in (*summary.schemas.values(), *summary.channels.values()):
+                yield from self._items(described)
+            starts = sorted(one.chunk_start_offset for one in summary.chunk_indexes)
+            for record in self._file_records(stream, starts):
+                indexed += len(record.records) if isinstance(record, MessageIndex) else 0
+                indexed += isinstance(record, Message)
+                for one in self._unpacked(record) if isinstance(record, Chunk) else [record]:
+                    yield from self._items(one)
+        statistics = summary.statistics
         self._losses.expected += statistics.message_count if statistics else indexed
 
     def _lose(self, reason: str, *, chunks: int = 0) -> None:
@@ -278,23 +270,21 @@ class _McapFile:
                     end = stream.tell()
                     yield record
                 begin = None
-            except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
+            except Exception as err:  # noqa: BLE001  as above
                 self._lose(f'no complete record at byte {end}, got {_words(err)}')
                 begin = next((start for start in starts if start > end), None)
 
-    def _chunk_items(self, chunk: Chunk) -> Iterator[_Item]:
-        """Give what is in a chunk, if all of it can be read."""
+    def _unpacked(self, chunk: Chunk) -> list[McapRecord]:
+        """Return the records of a chunk; none, if not all of it can be read."""
         try:
             size = max(chunk.uncompressed_size, len(chunk.data))
             if size > self._largest:
                 raise RecordingError('a chunk', f'of at most {self._largest} bytes', size)  # noqa: TRY301
-            records = list(_records(chunk))
+            return list(_records(chunk))
         except Exception as err:  # noqa: BLE001  as above
             times = f'from {chunk.message_start_time} to {chunk.message_end_time} ns'
             self._lose(f'the chunk {times}: {_words(err)}', chunks=1)
-            return
-        for record in records:
-            yield from self._items(record)
+            return []
 
     def _items(self, record: McapRecord) -> Iterator[_Item]:
         """Give the topic or the message that a record describes."""
@@ -324,14 +314,6 @@ class _McapFile:
             return None
 
 
-def _summary(stream: BinaryIO) -> Summary | None:
-    """Read the summary of an MCAP file, if it can be read."""
-    try:
-        return SeekingReader(stream).get_summary()
-    except Exception:  # noqa: BLE001  as above
-        return None
-
-
 def _records(chunk: Chunk) -> Iterator[McapRecord]:
     """Unpack a chunk, and read its records up to its end."""
     data, size = get_chunk_data_stream(chunk, validate_crc=True)
@@ -359,7 +341,7 @@ def _database(path: Path, losses: Losses) -> Iterator[_Item]:
     """
     if wrong := damage_of(path):
         losses.add(f'{path.name}: {wrong}')
-    last: int = 0
+    last = 0
     try:
         with closing(connect(path)) as database:
             topics = _database_topics(path, database, losses)
@@ -377,18 +359,10 @@ def _database(path: Path, losses: Losses) -> Iterator[_Item]:
                     losses.add(f'{path.name}: the topic {number} is not described')
     except (sqlite3.Error, OverflowError, UnicodeError) as err:
         losses.add(f'{path.name}: no row behind {last} can be read: {said_by(err)}')
-        last = _last_number(path)
-    losses.expected += last
-
-
-def _last_number(path: Path) -> int:
-    """Return the number of the last message; 0 where SQLite cannot find it."""
-    try:
-        with closing(connect(path)) as database:
+        with suppress(sqlite3.Error), closing(connect(path)) as database:
             (number,) = database.execute('SELECT max(id) FROM messages').fetchone()
-    except sqlite3.Error:
-        return 0
-    return number if isinstance(number, int) else 0
+            last = number if isinstance(number, int) else 0
+    losses.expected += last
 
 
 def _database_topics(
@@ -401,10 +375,12 @@ def _database_topics(
         names = [column[0] for column in found.description]
         return [dict(zip(names, row, strict=True)) for row in found]
 
-    definitions, topics = {}, dict[int, 'Topic | None']()
-    if database.execute('PRAGMA table_info(message_definitions)').fetchall():
-        for row in rows_of('message_definitions'):
-            definitions[row['topic_type']] = (row['encoding'], row['encoded_message_definition'])
+    has_definitions = database.execute('PRAGMA table_info(message_definitions)').fetchall()
+    definitions = {
+        row['topic_type']: (row['encoding'], row['encoded_message_definition'])
+        for row in (rows_of('message_definitions') if has_definitions else ())
+    }
+    topics: dict[int, Topic | None] = {}
     for row in rows_of('topics ORDER BY id'):
         try:
             topics[row['id']] = _topic_of(
