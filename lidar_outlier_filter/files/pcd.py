@@ -21,7 +21,6 @@ from lidar_outlier_filter.files.cloud_file import check_count, check_fits, check
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     RowFile,
-    Rows,
     TextRows,
     read_header,
     single_numbers,
@@ -47,7 +46,7 @@ class PcdFile(RowFile):
         """Read the header."""
         self.path = path
         with path.open('rb') as stream:
-            self._header = read_header(stream, bool, _is_data)
+            self._header = read_header(stream, bool, lambda line: line.upper().startswith(b'DATA'))
             self._offset = stream.tell()
         said = {words[0].upper(): words[1:] for line in self._header if (words := line.split())}
         self._names = [name.decode('latin-1') for name in self._words(said, b'FIELDS')]
@@ -55,10 +54,10 @@ class PcdFile(RowFile):
         width, height = (self._numbers(said, key)[0] for key in (b'WIDTH', b'HEIGHT'))
         self._count = self._numbers(said, b'POINTS')[0] if b'POINTS' in said else width * height
         self._data = self._words(said, b'DATA')[0].decode('latin-1').lower()
-        if self._count != width * height or min(width, height) < 0:
-            must_be = (
-                f'WIDTH × HEIGHT = {width * height}' if min(width, height) >= 0 else 'positive'
-            )
+        if min(width, height) < 0:
+            raise CloudError(f'WIDTH and HEIGHT in {path}', 'at least 0', f'{width} and {height}')
+        if self._count != width * height:
+            must_be = f'WIDTH × HEIGHT = {width * height}'
             raise CloudError(f'POINTS in {path}', must_be, self._count)
         if self._data not in {'ascii', 'binary', 'binary_compressed'}:
             must_be = 'ascii, binary or binary_compressed'
@@ -107,7 +106,7 @@ class PcdFile(RowFile):
             ]
         )
 
-    def _find_rows(self) -> Rows:
+    def _find_rows(self) -> BinaryRows | TextRows:
         if self._data == 'ascii':
             counts = [dtype.itemsize // dtype.base.itemsize for dtype in self._kinds]
             indices = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
@@ -158,17 +157,19 @@ class PcdFile(RowFile):
     def _changed_header(self, change: Change) -> Iterator[bytes]:
         count = b'%d' % change.count(self._count)
         shape = {b'WIDTH': count, b'HEIGHT': b'1', b'POINTS': count}
-        added: dict[bytes, list[str]] = {b'FIELDS': list(change.added)}
         kinds = [values.dtype for values in change.added.values()]
-        added[b'SIZE'] = [str(kind.itemsize) for kind in kinds]
-        added[b'TYPE'] = [_LETTERS[kind.kind] for kind in kinds]
-        added[b'COUNT'] = ['1'] * len(kinds)
+        added = {
+            b'FIELDS': ' '.join(change.added),
+            b'SIZE': ' '.join(str(kind.itemsize) for kind in kinds),
+            b'TYPE': ' '.join(_LETTERS[kind.kind] for kind in kinds),
+            b'COUNT': ' '.join('1' for _ in kinds),
+        }
         for line in self._header:
             word = line.split(maxsplit=1)[0].upper() if line.split() else b''
             if word in shape and change.keep is not None:
                 yield word + b' ' + shape[word] + b'\n'
             elif word in added and kinds:
-                yield line.rstrip() + b' ' + ' '.join(added[word]).encode() + b'\n'
+                yield line.rstrip() + b' ' + added[word].encode() + b'\n'
             else:
                 yield line
 
@@ -185,7 +186,3 @@ class PcdFile(RowFile):
         packed = lzf.compress(data, len(data) + len(data) // 16 + 64) if data else b''
         stream.write(_SIZES.pack(len(packed), len(data)))
         stream.write(packed)
-
-
-def _is_data(line: bytes) -> bool:
-    return line.upper().startswith(b'DATA')

@@ -20,7 +20,6 @@ from lidar_outlier_filter.files.cloud_file import check_fits, check_names, parse
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     RowFile,
-    Rows,
     TextRows,
     read_header,
     single_numbers,
@@ -81,7 +80,11 @@ class PlyFile(RowFile):
         self.path = path
         self._size = path.stat().st_size
         with path.open('rb') as stream:
-            self._header = read_header(stream, _is_magic, _is_end)
+            self._header = read_header(
+                stream,
+                lambda line: line.strip() == b'ply',
+                lambda line: line.strip() == b'end_header',
+            )
             self._begin = stream.tell()
         self._format, self._elements = _parse(path, self._header)
         if not self._elements or self._elements[0].name != 'vertex':
@@ -99,7 +102,7 @@ class PlyFile(RowFile):
         self.whole = f'its elements {", ".join(names)} name vertices by number' if names else ''
         self._rows, self._end = self._find(behind)
 
-    def _find(self, behind: Sequence[_Element]) -> tuple[Rows, int]:
+    def _find(self, behind: Sequence[_Element]) -> tuple[BinaryRows | TextRows, int]:
         """Return the rows of the vertices, and where they end in the file."""
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
@@ -121,24 +124,21 @@ class PlyFile(RowFile):
             shutil.copyfileobj(source, stream)
 
     def _changed_header(self, change: Change) -> Iterator[bytes]:
-        inside = False
+        added = (
+            f'property {_NAMES[values.dtype.str[1:]][0]} {name}'.encode()
+            for name, values in change.added.items()
+        )
+        is_vertex = False
         for line in self._header:
-            words = line.split()
-            if (
-                inside
-                and words[:1] != [b'property']
-                and words[:1] not in ([b'comment'], [b'obj_info'])
-            ):
-                end = line[len(line.rstrip()) :]
-                for name, values in change.added.items():
-                    yield f'property {_NAMES[values.dtype.str[1:]][0]} {name}'.encode() + end
-                inside = False
+            end = line[len(line.rstrip()) :]
+            words = [*line.split(), b'']
+            if is_vertex and words[0] not in {b'property', b'comment', b'obj_info'}:
+                yield from (one + end for one in added)
+                is_vertex = False
             if words[:2] == [b'element', b'vertex']:
-                inside = True
-                count = change.count(self._count)
-                yield b'element vertex %d' % count + line[len(line.rstrip()) :]
-            else:
-                yield line
+                is_vertex = True
+                line = b'element vertex %d' % change.count(self._count) + end  # noqa: PLW2901
+            yield line
 
 
 def header_of(count: int, kinds: Mapping[str, np.dtype[Any]]) -> bytes:
@@ -146,14 +146,6 @@ def header_of(count: int, kinds: Mapping[str, np.dtype[Any]]) -> bytes:
     named = ''.join(f'property {_NAMES[kind.str[1:]][0]} {name}\n' for name, kind in kinds.items())
     head = f'ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{named}end_header\n'
     return head.encode()
-
-
-def _is_magic(line: bytes) -> bool:
-    return line.strip() == b'ply'
-
-
-def _is_end(line: bytes) -> bool:
-    return line.strip() == b'end_header'
 
 
 def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from itertools import islice
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -28,22 +28,12 @@ if TYPE_CHECKING:
 _LONGEST_HEADER = 1_000_000  # bytes
 
 
-class Rows(Protocol):
-    """The rows of a file."""
-
-    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk."""
-
-    def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
-        """Write the rows, changed; yield how many are done."""
-
-
 class RowFile(CloudFile):
     """A file with a header of lines, and one block of rows."""
 
     _header: Sequence[bytes]
     _count: int
-    _rows: Rows
+    _rows: BinaryRows | TextRows
 
     def __len__(self) -> int:
         """Count the points."""
@@ -108,15 +98,11 @@ class BinaryRows:
 
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the rows, changed; yield how many are done."""
-        for begin, rows in self.changed(change):
-            stream.write(rows.tobytes())
-            yield begin + CHUNK
-
-    def changed(self, change: Change) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Yield where each chunk begins, and its rows, changed."""
+        kind = self._rows.dtype
         # As plain bytes: copies of a structured array lose what lies between the fields.
-        plain = np.dtype((np.void, self._rows.dtype.itemsize))
-        order: Literal['<', '>'] = '>' if _is_big_endian(self._rows.dtype) else '<'
+        plain = np.dtype((np.void, kind.itemsize))
+        is_big = any(kind[name].base.byteorder == '>' for name in kind.names or ())
+        order: Literal['<', '>'] = '>' if is_big else '<'
         added = [(name, values.dtype.newbyteorder(order)) for name, values in change.added.items()]
         for begin in range(0, len(self._rows), CHUNK):
             part = slice(begin, begin + CHUNK)
@@ -127,11 +113,9 @@ class BinaryRows:
                 for name, values in change.added.items():
                     wider[name] = values[part]
                 rows = wider
-            yield begin, rows if change.keep is None else rows[change.keep[part]]
-
-
-def _is_big_endian(dtype: np.dtype[np.void]) -> bool:
-    return any(dtype[name].base.byteorder == '>' for name in dtype.names or ())
+            kept = rows if change.keep is None else rows[change.keep[part]]
+            stream.write(kept.tobytes())
+            yield begin + CHUNK
 
 
 class TextRows:

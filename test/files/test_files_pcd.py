@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import lzf
 import numpy as np
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import check_refused, columns, copied, every_third, verdict
 
-from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
 if TYPE_CHECKING:
@@ -171,17 +170,12 @@ def test_other_headers_and_line_ends(tmp_path: Path) -> None:
         ('FIELDS x y', 'FIELDS x x', 'must be of different names, got x'),
         ('SIZE 4 4', 'SIZE 4', 'must be of one length, got 8, 7, 8 and 8'),
         ('WIDTH 4\n', '', 'must be complete, got no WIDTH'),
-        ('WIDTH 4', 'WIDTH four', "WIDTH of {} must be a whole number, got 'four'"),
+        ('WIDTH 4', 'WIDTH four', "WIDTH of .* must be a whole number, got 'four'"),
         ('+0.250', 'zero', 'must be readable, got "could not convert'),
-        ('+0.250', '+0.250 7', 'point 1 of {} must be of 14 numbers, got 15'),
+        ('+0.250', '+0.250 7', 'point 1 of .* must be of 14 numbers, got 15'),
         ('F F F U', 'Q F F U', 'must be I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, got Q of 4'),
     ],
 )
 def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     """A header that cannot be true is refused in one sentence."""
-    path = make(tmp_path, 'ascii')
-    path.write_text(path.read_text().replace(old, new))
-    with pytest.raises(CloudError) as caught:
-        columns(path)
-    assert sentence.format(path) in str(caught.value)
-    assert '\n' not in str(caught.value)
+    check_refused(make(tmp_path, 'ascii'), old, new, sentence)

@@ -8,7 +8,7 @@ import struct
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import check_refused, columns, copied, every_third, verdict
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
@@ -98,23 +98,19 @@ def test_line_ends(tmp_path: Path) -> None:
     ('old', 'new', 'sentence'),
     [
         ('ascii', 'latin', "got 'latin'"),
-        ('element vertex', 'element point', 'the first element of {} must be vertex, got point'),
+        ('element vertex', 'element point', 'the first element of .* must be vertex, got point'),
         ('property float x', 'property list uchar int x', 'must be without lists, got a list'),
         ('property float x', 'property list float int x', 'must be a whole number'),
         ('property double y', 'property double x', 'must be of different names, got x'),
-        ('property float x', 'property x', "got 'property x\\n'"),
+        ('property float x', 'property x', "got 'property x"),
         ('property float x', 'property half x', "got 'half'"),
         ('0.25 ', 'no ', 'must be readable, got "could not convert'),
-        ('0.25 ', '0.25 7 ', 'point 2 of {} must be of 4 numbers, got 5'),
+        ('0.25 ', '0.25 7 ', 'point 2 of .* must be of 4 numbers, got 5'),
     ],
 )
 def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
-    """A file that makes no sense is refused in one sentence."""
-    path = make(tmp_path)
-    path.write_text(path.read_text().replace(old, new, 1))
-    with pytest.raises(CloudError) as caught:
-        columns(path)
-    assert sentence.format(path) in str(caught.value)
+    """A header that cannot be true is refused in one sentence."""
+    check_refused(make(tmp_path), old, new, sentence)
 
 
 def test_room_for_elements(tmp_path: Path) -> None:

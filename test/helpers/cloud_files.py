@@ -7,7 +7,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
@@ -36,6 +38,16 @@ def copied(path: Path, change: Change, name: str = '', table: str | None = None)
     assert sorted(done) == done
     assert done[-1] >= len(file)
     return target
+
+
+def check_refused(path: Path, old: str, new: str, sentence: str) -> None:
+    """Put words in the place of others, and hold that the file is refused in one sentence."""
+    data = path.read_bytes()
+    assert old.encode() in data
+    path.write_bytes(data.replace(old.encode(), new.encode(), 1))
+    with pytest.raises(CloudError, match=sentence) as caught:
+        columns(path)
+    assert '\n' not in str(caught.value)
 
 
 def verdict(count: int) -> dict[str, NDArray[Any]]:
