@@ -12,7 +12,7 @@ delay while they came, the growth of the filter's memory after the first five se
 after the change of the rate all was well again.
 """
 
-# ruff: noqa: INP001  a script, no package
+# ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports ROS in each process
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ import argparse
 import os
 import sys
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from statistics import median
+from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
@@ -30,6 +30,7 @@ import psutil
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
+SHAPE = {'rings': 128, 'columns': 1024, 'rate': 10.0, 'seconds': 60.0, 'then': 0.0}
 OUTLIERS = 0.005
 WARM = 5  # seconds until memory counts
 REST = 10.0  # seconds to watch afterwards
@@ -66,24 +67,25 @@ def sweep(rings: int, columns: int, period: float, seed: int) -> np.ndarray:
     return rows
 
 
-def publish(rings: int, columns: int, rate: float, seconds: float, then: float) -> None:
+def publish(options: argparse.Namespace) -> None:
     """Publish at a steady rate; the process of the sensor."""
-    import rclpy  # noqa: PLC0415
-    from helpers.clouds import cloud  # noqa: PLC0415
-    from helpers.live import BEST_EFFORT  # noqa: PLC0415
-    from rclpy.time import Time  # noqa: PLC0415
-    from sensor_msgs.msg import PointCloud2  # noqa: PLC0415
+    import rclpy
+    from helpers.clouds import cloud
+    from helpers.live import BEST_EFFORT
+    from rclpy.time import Time
+    from sensor_msgs.msg import PointCloud2
 
     rclpy.init(args=[])
     node = rclpy.create_node('sensor')
     publisher = node.create_publisher(PointCloud2, '/points', BEST_EFFORT)
-    messages = [cloud(sweep(rings, columns, 1 / rate, seed)) for seed in range(4)]
+    rate, then = options.rate, options.then
+    sweeps = (sweep(options.rings, options.columns, 1 / rate, seed) for seed in range(4))
+    messages = [cloud(rows) for rows in sweeps]
     while not publisher.get_subscription_count():
         time.sleep(0.05)
-    sys.stdout.write('ready\n')
-    sys.stdout.flush()
+    print('ready', flush=True)
     sys.stdin.readline()
-    for frequency, duration in ((rate, seconds), (then, REST if then else 0.0)):
+    for frequency, duration in ((rate, options.seconds), (then, REST if then else 0.0)):
         begin, late, count = time.monotonic(), 0.0, round(duration * frequency)
         stamp = node.get_clock().now().nanoseconds
         for number in range(count):
@@ -95,58 +97,54 @@ def publish(rings: int, columns: int, rate: float, seconds: float, then: float) 
             msg.header.stamp = Time(nanoseconds=stamp + round(number / frequency * 1e9)).to_msg()
             publisher.publish(msg)
         text = f'sent {count} in {time.monotonic() - begin:.1f} s, at most {1e3 * late:.0f} ms late'
-        sys.stdout.write(f'{text}\n{time.monotonic()}\n')
-        sys.stdout.flush()
+        print(f'{text}\n{time.monotonic()}', flush=True)
     sys.stdin.read()
 
 
-@dataclass
-class Seconds:
-    """What was seen in each second."""
+class Look(NamedTuple):
+    """What /diagnostics said of a second: delays in milliseconds, the filter's memory in MB."""
 
-    at: list[float] = field(default_factory=list)
-    came: list[bool] = field(default_factory=list)
-    p50: list[float] = field(default_factory=list)
-    p95: list[float] = field(default_factory=list)
-    longest: list[float] = field(default_factory=list)
-    memory: list[float] = field(default_factory=list)
-    well: list[bool] = field(default_factory=list)
+    at: float
+    p50: float
+    p95: float
+    longest: float
+    memory: float
+    is_well: bool
 
-    def add(self, status: dict[str, Any], memory: float) -> str:
-        """Add one; say it in a line."""
-        values = status['values']
-        self.at.append(time.monotonic())
-        self.came.append(float(values['clouds/s']) > 0)
-        self.p95.append(float(values['delay since received, p95, ms']))
-        self.p50.append(float(values['delay since received, p50, ms']))
-        self.longest.append(float(values['delay since received, max, ms']))
-        self.memory.append(memory)
-        self.well.append(status['level'] == 0 and self.came[-1])
-        return (
-            f'{values["clouds/s"]:>6} clouds/s {float(values["points/s"]) / 1e6:6.2f} M points/s'
-            f'  answered {values["messages"]:>5} lost {values["lost"]:>3}'
-            f' dropped {values["dropped"]:>4} unfiltered'
-            f' {values.get("unfiltered for overload", 0):>4}'
-            f'  backlog {values["backlog, clouds"]:>4} ({values["backlog, MB"]} MB)'
-            f'  delay p95 {self.p95[-1]:7.1f} max {self.longest[-1]:7.1f} ms'
-            f'  processing p95 {values["processing time, p95, ms"]:>7} ms'
-            f'  {memory:6.0f} MB  {status["level"]} {status["message"]}'
-        )
 
-    def summary(self, end: float) -> str:
-        """Say what was seen until the first rate ended, and when all was well after that."""
-        until = sum(at <= end for at in self.at)
-        half = sorted(self.p50[WARM:until])[(until - WARM) // 2]
-        typical = sorted(self.p95[WARM:until])[(until - WARM) // 2]
-        growth = max(self.memory[WARM:]) - self.memory[WARM]
-        well = [at for at, is_well in zip(self.at, self.well, strict=True) if at > end and is_well]
-        # A look says of the second before it.
-        after = f'{max(well[0] - LOOK - end, 0.0):.1f} s' if well else 'never'
-        return (
-            f'delay of a second, p50: {half:.0f} ms in the median, p95: {typical:.0f} ms, at most '
-            f'{max(self.p95[WARM:until]):.0f} ms; longest delay {max(self.longest[WARM:until]):.0f}'
-            f' ms; memory +{growth:.0f} MB after {WARM} s; well again after {after}'
-        )
+def look(status: dict[str, Any], memory: float) -> Look:
+    """Print what /diagnostics says, and keep what is summed up."""
+    values, clouds = status['values'], float(status['values']['clouds/s'])
+    p50, p95, longest = (
+        float(values[f'delay since received, {name}, ms']) for name in ('p50', 'p95', 'max')
+    )
+    print(
+        f'{clouds:6.1f} clouds/s {float(values["points/s"]) / 1e6:6.2f} M points/s'
+        f'  answered {values["messages"]:>5} lost {values["lost"]:>3}'
+        f' dropped {values["dropped"]:>4} unfiltered'
+        f' {values.get("unfiltered for overload", 0):>4} degraded {values["degraded"]:>4}'
+        f'  backlog {values["backlog, clouds"]:>4} ({values["backlog, MB"]} MB)'
+        f'  delay p95 {p95:7.1f} max {longest:7.1f} ms'
+        f'  processing p95 {values["processing time, p95, ms"]:>7} ms'
+        f'  {memory:6.0f} MB  {status["level"]} {status["message"]}',
+        flush=True,
+    )
+    return Look(time.monotonic(), p50, p95, longest, memory, status['level'] == 0 and clouds > 0)
+
+
+def summary(looks: list[Look], end: float) -> str:
+    """Say what was seen until the first rate ended, and when all was well after that."""
+    counted = [one for one in looks if one.at <= end][WARM:]
+    growth = max(one.memory for one in looks[WARM:]) - looks[WARM].memory
+    # A look says of the second before it.
+    well = [max(one.at - LOOK - end, 0.0) for one in looks if one.at > end and one.is_well]
+    return (
+        f'delay of a second, p50: {median(one.p50 for one in counted):.0f} ms in the median, p95: '
+        f'{median(one.p95 for one in counted):.0f} ms, at most '
+        f'{max(one.p95 for one in counted):.0f} ms; longest delay '
+        f'{max(one.longest for one in counted):.0f} ms; memory +{growth:.0f} MB after {WARM} s; '
+        f'well again after {f"{well[0]:.1f} s" if well else "never"}'
+    )
 
 
 def _busy(process: psutil.Process) -> float:
@@ -157,16 +155,15 @@ def _busy(process: psutil.Process) -> float:
 
 def measure(options: argparse.Namespace) -> int:
     """Run the processes, and print what becomes of the clouds."""
-    from helpers.live import Program, counter, diagnoser, environment, next_status  # noqa: PLC0415
+    from helpers.live import Program, counter, diagnoser, environment, next_status
 
     env = environment() | {'PYTHONPATH': os.pathsep.join(sys.path[:2])}
     # As the node does: what the others need is taken from the filter's two cores.
     thrifty = {'MALLOC_ARENA_MAX': '1'} | dict.fromkeys(KEEP, str(1 << 29))
     settings = [word for item in options.settings for word in ('-p', item)]
     arguments = ['--ros-args', *settings] if settings else []
-    names = ('rings', 'columns', 'rate', 'seconds', 'then')
-    shape = [str(getattr(options, name)) for name in names]
-    seen = Seconds()
+    shape = [f'--{name}={getattr(options, name)}' for name in SHAPE]
+    looks = []
     with (
         diagnoser(env) as listening,
         Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env) as node,
@@ -188,20 +185,19 @@ def measure(options: argparse.Namespace) -> int:
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)
-            sys.stdout.write(seen.add(status, processes['filter'].memory_info().rss / 1e6) + '\n')
-            sys.stdout.flush()
-        sys.stdout.write(sensor.wait_for('sent') + '\n')
+            looks.append(look(status, processes['filter'].memory_info().rss / 1e6))
+        print(sensor.wait_for('sent'))
         end = float(sensor.wait_for(''))
-        sys.stdout.write('then ' + sensor.wait_for('sent') + '\n')
+        print('then', sensor.wait_for('sent'))
         clouds = round(options.seconds * options.rate + REST * options.then)
         shares = (
             f'{name} {1e3 * (busy[name] + _busy(process)) / clouds:.1f}'
             for name, process in processes.items()
         )
-        sys.stdout.write(f'processor time for a cloud sent, ms: {", ".join(shares)}\n')
+        print(f'processor time for a cloud sent, ms: {", ".join(shares)}')
         collecting.close()
         collecting.wait()
-        sys.stdout.write(f'received {collecting.output[-1]}\n{seen.summary(end)}\n')
+        print(f'received {collecting.output[-1]}\n{summary(looks, end)}')
     return 0
 
 
@@ -210,17 +206,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument('--rings', type=int, default=128)
-    parser.add_argument('--columns', type=int, default=1024)
-    parser.add_argument('--rate', type=float, default=10.0)
-    parser.add_argument('--seconds', type=float, default=60.0)
-    parser.add_argument('--then', type=float, default=0.0)
-    parser.add_argument('--publish', nargs=5, help=argparse.SUPPRESS)
+    for name, default in SHAPE.items():
+        parser.add_argument(f'--{name}', type=type(default), default=default)
+    parser.add_argument('--publish', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
     if options.publish:
-        rings, columns, rate, seconds, then = options.publish
-        publish(int(rings), int(columns), float(rate), float(seconds), float(then))
+        publish(options)
         return 0
     return measure(options)
 

@@ -29,6 +29,7 @@ from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_lab.results import peers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -226,17 +227,10 @@ def neighbours(cloud: Cloud) -> tuple[Singles, Singles, Singles]:
     """Return distances to the nearest points, SOR's and LOF's statistics; see ``Features``."""
     own = np.flatnonzero(cloud.source == np.arange(len(cloud)))
     xyz = cloud.xyz[own].astype(np.float64)
-    distance, index = cKDTree(xyz).query(xyz, NEIGHBOURS + 1, workers=-1)
-    distance, index = distance[:, 1:], index[:, 1:]
+    distance = peers.distances(xyz, NEIGHBOURS, workers=-1)
     mean = distance.mean(axis=1)
-    far = distance[:, -1]
-    density = NEIGHBOURS / np.maximum(distance, far[index]).sum(axis=1).clip(1e-9)
     of = np.searchsorted(own, cloud.source)  # the measured point of each
-    found = (
-        distance[:, :NEAREST],
-        (mean - mean.mean()) / mean.std(),
-        density[index].mean(axis=1) / density,
-    )
+    found = distance[:, :NEAREST], (mean - mean.mean()) / mean.std(), peers.lof(xyz, NEIGHBOURS)
     near, sor, lof = (one.astype(np.float32)[of] for one in found)
     return near, sor, lof
 

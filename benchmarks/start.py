@@ -1,14 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts of the node with clouds at 10 Hz, and the processor seconds that each chain compiles.
+"""Starts of the node with clouds at 10 Hz, from an empty and from a complete cache.
 
     python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [NAME:=VALUE ...]
-    python benchmarks/start.py --compile [CHAIN ...]
 
-The node is a process of its own, over the real middleware; it starts from an empty and then from a
-complete cache, and is set to another chain. Printed are seconds since that process began, or since
-the parameter was set, and what became of the clouds. With ``--compile`` each chain is compiled by
-a process from an empty cache, and loaded by another one.
+The node is a process of its own, over the real middleware, and is set to another chain. Printed are
+seconds since that process began, or since the parameter was set, and what became of the clouds.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
@@ -17,9 +14,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
-import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -34,11 +28,10 @@ from helpers.watching import Watch, fresh_copy  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 
-from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: E402
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
 AFTERWARDS = 3.0  # seconds of clouds behind what was waited for
 
@@ -83,21 +76,6 @@ def _switch(watch: Watch, chain: str) -> None:
     )
 
 
-def compile_each(chains: Sequence[str]) -> None:
-    """Print the processor seconds of two processes for each chain: compiling, then loading."""
-    for chain in chains:
-        with tempfile.TemporaryDirectory() as folder:
-            env = os.environ | fresh_copy(Path(folder))
-            command = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main', 'compile']
-            took = []
-            for _ in ('empty', 'complete'):
-                before = resource.getrusage(resource.RUSAGE_CHILDREN)
-                subprocess.run([*command, '--chain', chain], env=env, check=True)  # noqa: S603  ours
-                after = resource.getrusage(resource.RUSAGE_CHILDREN)
-                took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-            print(f'{chain}: {took[0]:.1f} s from an empty cache, {took[1]:.1f} s afterwards')
-
-
 def main() -> None:
     """Read the command line, and measure."""
     parser = argparse.ArgumentParser(
@@ -105,16 +83,12 @@ def main() -> None:
     )
     parser.add_argument('--chain', default='boosted_trees')
     parser.add_argument('--then', default='quadric', metavar='CHAIN')
-    parser.add_argument('--compile', action='store_true')
-    parser.add_argument('rest', nargs='*', metavar='NAME:=VALUE or CHAIN')
+    parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
-    if options.compile:
-        compile_each(options.rest or tuple(DETECTORS))
-        return
     with tempfile.TemporaryDirectory() as folder:
         env = {**environment(), **fresh_copy(Path(folder))}
         for cache in ('empty cache', 'complete cache'):
-            start(cache, env, [f'chain:=[{options.chain}]', *options.rest], options.then)
+            start(cache, env, [f'chain:=[{options.chain}]', *options.settings], options.then)
 
 
 if __name__ == '__main__':

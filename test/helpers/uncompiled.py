@@ -72,13 +72,15 @@ def settings(name: str) -> Iterator[dict[str, object]]:
 
 def clouds() -> Iterator[Points]:
     """Make clouds of few points, of both kinds of scanners, with what makes neighbours odd."""
-    for size in SIZES:
-        for make in (neighbour_clouds.scattered, neighbour_clouds.stacks):
+    for make in neighbour_clouds.CLOUDS:
+        for size in SIZES if make is neighbour_clouds.stacks else SIZES[-1:]:
             xyz = make(np.random.default_rng(size))[:size]
             t = np.arange(size) * 1000
             yield Points(xyz, t, np.arange(size) // 20, np.ones(size, np.bool_))
     yield sweeps.sweep(1, 0.1, columns=40)
+    yield sweeps.sweep(2, 0.3, 1.4, columns=24, staggered=True)
     yield profile_drives.Drive(1, 0.1, 3, 40).points
+    yield profile_drives.Drive(2, 0.5, 4, 30).points
 
 
 def main() -> None:

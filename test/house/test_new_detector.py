@@ -27,7 +27,6 @@ from lidar_outlier_filter.parameters.declaration import Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, write_yaml
 from lidar_outlier_filter.report.colours import colour
-from lidar_outlier_filter.tuning.search_space import searches
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -150,27 +149,16 @@ def test_parameters(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('toy')
-@pytest.mark.parametrize('tile', ['0', '2'])
-def test_a_file(tmp_path: Path, tile: str) -> None:
-    """A file is cleaned by it, in memory and in files."""
+def test_a_large_file(tmp_path: Path) -> None:
+    """A file is cleaned by it with arrays in files."""
     points = scattered()
     path = tmp_path / 'cloud.csv'
     np.savetxt(path, points.xyz, '%.17g', ',', header='x,y,z', comments='')
-    wanted = ['--chain', 'toy', '--set', 'toy.limit=1.0', '--tile', tile]
+    wanted = ['--chain', 'toy', '--set', 'toy.limit=1.0', '--tile', '2']
     assert main(['clean', str(path), *wanted]) == 0
     outlier, bits = columns(tmp_path / 'cloud_cleaned.csv', 'outlier', 'outlier_detectors')
     assert outlier.tolist() == naive(points.xyz, 1.0)
     assert bits[-3:].tolist() == [BIT, BIT | EXTRA, BIT | EXTRA]
-
-
-@pytest.mark.usefixtures('toy')
-def test_tuner() -> None:
-    """The tuner sweeps its first float, within its range, and tries what a user wants."""
-    parameters = FilterParameters().changed({'chain': ['toy']})
-    (search,) = searches(parameters, {'toy.rank': [1, 2]})
-    assert search.threshold.name == 'toy.limit'
-    assert (search.threshold.values[0], search.threshold.values[-1]) == (1e-3, 1e3)
-    assert list(search.settings) == [{'toy.rank': 1}, {'toy.rank': 2}]
 
 
 # The example of CONTRIBUTING, and what the package declares --------------------------------------

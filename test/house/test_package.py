@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from catkin_pkg.package import parse_package
@@ -26,23 +26,18 @@ NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'
 FASTEST = 'alpha_beta_gamma'  # the chain that compiles fastest
 
-# Where the name of a module differs from its rosdep key and from its name on PyPI.
-ROSDEP_KEYS = {
-    'PIL': 'python3-pil',
-    'argcomplete': 'python3-argcomplete',
-    'catkin_pkg': 'python3-catkin-pkg',
-    'hypothesis': 'python3-hypothesis',
-    'matplotlib': 'python3-matplotlib',
-    'numba': 'python3-numba',
-    'numpy': 'python3-numpy',
-    'psutil': 'python3-psutil',
-    'pyproj': 'python3-pyproj',
-    'pytest': 'python3-pytest',
-    'rich': 'python3-rich',
-    'scipy': 'python3-scipy',
-    'sklearn': 'python3-sklearn',
-    'yaml': 'python3-yaml',
-}
+
+def words(text: str) -> set[str]:
+    """Split a text into its words."""
+    return {*text.split()}
+
+
+# Modules whose rosdep key is their own name behind ``python3-``.
+FROM_APT = words(
+    'PIL argcomplete catkin_pkg hypothesis matplotlib numba numpy psutil pyproj pytest rich scipy '
+    'sklearn yaml'
+)
+# Where the name of a module differs from its name on PyPI.
 PYPI_NAMES = {
     'PIL': 'Pillow',
     'boto3': 'moto',
@@ -72,24 +67,10 @@ EXTRAS = {
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
-PIP_ONLY = {
-    'boto3',
-    'dask',
-    'distributed',
-    'filterpy',
-    'fsspec',
-    'laspy',
-    'lazrs',
-    'lz4',
-    'lzf',
-    'mcap',
-    'mcap_ros2',
-    'moto',
-    'playwright',
-    'pyarrow',
-    'pye57',
-    'rosbags',
-}
+PIP_ONLY = words(
+    'boto3 dask distributed filterpy fsspec laspy lazrs lz4 lzf mcap mcap_ros2 moto playwright '
+    'pyarrow pye57 rosbags'
+)
 SINCE_NUMPY_2 = {
     'np': """
         acos acosh asin asinh astype atan atan2 atanh bitwise_count bitwise_invert
@@ -128,7 +109,13 @@ def foreign(*folders: str) -> set[str]:
     return found - set(sys.stdlib_module_names) - {NAME, LAB}
 
 
-def setup_argument(name: str) -> object:
+def rosdep_keys(modules: set[str]) -> set[str]:
+    """Name modules as rosdep does."""
+    key = {name: f'python3-{name.lower().replace("_", "-")}' for name in FROM_APT}
+    return {key.get(name, name) for name in modules}
+
+
+def setup_argument(name: str) -> Any:
     """Value of an argument of setup() in setup.py."""
     for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text())):
         if isinstance(node, ast.keyword) and node.arg == name:
@@ -136,33 +123,32 @@ def setup_argument(name: str) -> object:
     raise LookupError(name)
 
 
-def requirement_names(requirements: object) -> set[str]:
+def requirement_names(requirements: list[str]) -> set[str]:
     """Names on PyPI, without the versions."""
-    assert isinstance(requirements, list)
     return {re.split(r'[<>=!~;\[ ]', text)[0] for text in requirements}
 
 
+def pypi_names(modules: set[str]) -> set[str]:
+    """Name modules as PyPI does."""
+    return {PYPI_NAMES.get(name, name) for name in modules}
+
+
 def test_package_xml_is_valid() -> None:
-    """The parser that colcon and rosdep use accepts package.xml without a warning."""
+    """The parser of colcon and rosdep accepts it without a warning; all name one version."""
     warnings: list[str] = []
     package = parse_package(str(ROOT), warnings=warnings)
     assert warnings == []
     assert package.name == NAME
     assert package.package_format == 3
     assert package.get_build_type() == 'ament_python'
-
-
-def test_versions_agree() -> None:
-    """package.xml, setup.py and the package name the same version."""
-    stated = parse_package(str(ROOT)).version
-    assert stated == setup_argument('version') == lidar_outlier_filter.__version__
+    assert package.version == setup_argument('version') == lidar_outlier_filter.__version__
 
 
 def test_package_xml_lists_what_is_imported() -> None:
     """Every module of others that is imported is an exec_depend, and nothing else is."""
     imported = foreign(NAME, 'launch') - set(EXTRAS) - PIP_ONLY
     stated = {depend.name for depend in parse_package(str(ROOT)).exec_depends}
-    assert stated == {ROSDEP_KEYS.get(name, name) for name in imported} | {'tf2_msgs'}
+    assert stated == rosdep_keys(imported) | {'tf2_msgs'}
 
 
 def test_rosdep_calls_no_pip() -> None:
@@ -194,19 +180,15 @@ def test_numpy_is_that_of_ubuntu() -> None:
 def test_setup_lists_what_is_imported() -> None:
     """The same for pip: ROS in the extra `ros`, what few users need in extras of its own."""
     extras = setup_argument('extras_require')
-    assert isinstance(extras, dict)
     imported = foreign(NAME)
-    ros = imported - set(ROSDEP_KEYS) - set(EXTRAS) - PIP_ONLY
+    ros = imported - FROM_APT - set(EXTRAS) - PIP_ONLY
     always = (imported - ros - set(EXTRAS)) | {'filterpy'}  # imported by name when it is chosen
     wheels = {f'ros-jazzy-{name.replace("_", "-")}' for name in ros}
-    assert requirement_names(setup_argument('install_requires')) == {
-        PYPI_NAMES.get(name, name) for name in always
-    }
+    assert requirement_names(setup_argument('install_requires')) == pypi_names(always)
     # The middleware is loaded by rclpy, and imported by nobody.
     assert requirement_names(extras['ros']) == wheels | {'ros-jazzy-rmw-fastrtps-cpp'}
     for module in imported & set(EXTRAS):
-        name = PYPI_NAMES.get(module, module)
-        assert name in requirement_names(extras[EXTRAS[module]])
+        assert pypi_names({module}) <= requirement_names(extras[EXTRAS[module]])
 
 
 @pytest.mark.slow
@@ -215,13 +197,9 @@ def test_what_tests_import_is_listed() -> None:
     package = parse_package(str(ROOT))
     ours = {path.stem for path in (ROOT / 'test').rglob('*')}  # folders, too
     imported = foreign('test') - foreign(NAME, 'launch') - ours | foreign('test') & set(EXTRAS)
-    assert {ROSDEP_KEYS.get(name, name) for name in imported - PIP_ONLY} <= {
-        depend.name for depend in package.test_depends
-    }
+    assert rosdep_keys(imported - PIP_ONLY) <= {depend.name for depend in package.test_depends}
     extras = setup_argument('extras_require')
-    assert isinstance(extras, dict)
-    names = {PYPI_NAMES.get(name, name) for name in imported - WITH_RCLPY}
-    assert names <= requirement_names(extras['test'])
+    assert pypi_names(imported - WITH_RCLPY) <= requirement_names(extras['test'])
 
 
 def test_what_the_pages_need_is_listed() -> None:
@@ -230,7 +208,6 @@ def test_what_the_pages_need_is_listed() -> None:
     loaded = set(re.findall(r"^    '(\w+)", (ROOT / 'doc' / 'conf.py').read_text(), re.MULTILINE))
     assert {name.replace('_', '-') for name in loaded} >= names
     extras = setup_argument('extras_require')
-    assert isinstance(extras, dict)
     assert requirement_names(extras['docs']) == names
     keys = {depend.name for depend in parse_package(str(ROOT)).doc_depends}
     # myst-parser has a pip key only; rosdoc2 brings it along.
@@ -241,7 +218,6 @@ def test_what_the_pages_need_is_listed() -> None:
 def test_every_extra_is_described() -> None:
     """A reader of the page on installation learns what each extra is for."""
     extras = setup_argument('extras_require')
-    assert isinstance(extras, dict)
     rows = re.findall(r'^\| (`.+?`) \|', (ROOT / 'doc/install.md').read_text(), re.MULTILINE)
     described = {name for row in rows for name in re.findall('`([a-z0-9]+)`', row)}
     assert set(extras) <= described
@@ -304,22 +280,18 @@ def workspace(
 
 
 @pytest.mark.slow
-def test_colcon_registers_the_package(workspace: Workspace) -> None:
-    """ROS finds the package by its marker, and its package.xml."""
+def test_colcon_installs(workspace: Workspace) -> None:
+    """ROS finds the package by its marker, package.xml, and every launch and config file."""
     index = workspace.prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
     assert (index / NAME).is_file()
     assert (workspace.share / 'package.xml').read_text() == (ROOT / 'package.xml').read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('folder', ['launch', 'config'])
-def test_colcon_installs_all_of(workspace: Workspace, folder: str) -> None:
-    """Every launch and every config file is installed, in its folder."""
-    ours = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*.*') if path.is_file()}
-    ours = {path for path in ours if '__pycache__' not in path.parts}
-    there = {path.relative_to(workspace.share) for path in (workspace.share / folder).rglob('*.*')}
-    assert ours
-    assert there == ours
+    for folder in ('launch', 'config'):
+        ours, there = (
+            {path.relative_to(top) for path in (top / folder).rglob('*.*') if path.is_file()}
+            for top in (ROOT, workspace.share)
+        )
+        assert ours
+        assert {path for path in ours if '__pycache__' not in path.parts} == there
 
 
 @pytest.mark.slow

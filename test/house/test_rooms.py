@@ -174,21 +174,6 @@ def test_only_the_command_line_knows_arguments() -> None:
     assert not names
 
 
-def definitions(module: Module) -> list[ast.stmt]:
-    """List the statements at the top of a module."""
-    return module.tree.body
-
-
-def test_no_class_name_twice() -> None:
-    """A name of a class means one thing."""
-    found = defaultdict(list)
-    for module in modules().values():
-        for node in definitions(module):
-            if isinstance(node, ast.ClassDef):
-                found[node.name].append(module.name)
-    assert not {name: where for name, where in found.items() if len(where) > 1}
-
-
 def type_aliases(module: Module) -> Iterator[tuple[str, str]]:
     """Give the names that a module has for types of its annotations, and what they stand for."""
     for node in ast.walk(module.tree):
@@ -201,9 +186,9 @@ def test_no_alias_of_a_type_twice() -> None:
     """A name of a type means one thing; those of arrays are in ``core.annotations``."""
     found = defaultdict(list)
     for module in modules().values():
-        classes = (node.name for node in definitions(module) if isinstance(node, ast.ClassDef))
-        for name in classes:
-            found[name].append(module.name)
+        for node in module.tree.body:
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(module.name)
         for name, meaning in type_aliases(module):
             found[name].append(module.name)
             if meaning.startswith('NDArray['):

@@ -1,16 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the programs of benchmarks/ import of the packages is there: most run in no test."""
+"""What the programs of benchmarks/ use of the packages is there: most run in no test."""
 
 from __future__ import annotations
 
 import ast
+import runpy
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import pytest
 from helpers import ROOT
+
+from lidar_outlier_filter.parameters.node import HealthLimits
+from lidar_outlier_filter.ros.health import Backlog, Health
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,3 +34,12 @@ def test_imports_are_there(path: Path) -> None:
                     hasattr(module, '__path__') and find_spec(f'{node.module}.{name}')
                 )
                 assert there, f'{path.name}, line {node.lineno}: {node.module} has no {name}'
+
+
+def test_load_reads_what_diagnostics_say(capsys: pytest.CaptureFixture[str]) -> None:
+    """All values that it prints of /diagnostics are there."""
+    sample = Health().sample(1.0, HealthLimits(), 1.0, Backlog(0, 0.0, 0))
+    load = runpy.run_path(str(BENCHMARKS / 'load.py'))
+    look = load['look']({'values': {**sample.values, 'lost': '0'}, 'level': 0, 'message': ''}, 9.0)
+    assert (look.memory, look.is_well) == (9.0, False)
+    assert '0.0 clouds/s' in capsys.readouterr().out

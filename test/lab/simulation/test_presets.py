@@ -24,43 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SMALL = 'sotoodeh-hod'
-SIZES = {
-    'leslar-a': (1_098_689, 11_035),
-    'leslar-b': (295_147, 872),
-    'leslar-c': (237_740, 31),
-    'pirotti-sfm': (1_002_596, 2596),
-    'pirotti-fcd': (72_000, 540),
-    'sotoodeh-hod': (656, 84),
-    'kang-urban': (500_000, 250),
-    'kang-mountain': (1_000_000, 240),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name', SIZES)
-def test_sizes(name: str) -> None:
-    """The papers' numbers of points and outliers are met exactly."""
-    some = np.concatenate([cloud.points['label'] for cloud in make(name)])
-    assert (len(some), int(np.count_nonzero(some))) == SIZES[name]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('rings', streets.SENSORS)
-def test_shares_of_streets(rings: int) -> None:
-    """A street has the stated share of outliers, and one cloud a turn with all its rings."""
-    made, weather = tuple(make(f'street-{rings}')), streets.WEATHER[rings]
-    label = np.concatenate([cloud.points['label'] for cloud in made])
-    assert np.mean(label != 0) == pytest.approx(weather.share, abs=2 / len(label))
-    assert len(made) == weather.turns
-    for cloud in made:
-        assert cloud.frame == 'lidar'
-        assert np.unique(cloud.points['ring']).tolist() == list(range(rings))
-        t = cloud.points['t'].astype(np.int64)
-        assert (np.diff(t) > 0).all()
-        assert t[-1] < cloud.sent - cloud.stamp
-    # The sky, and open windows, leave shots without a point.
-    shots = streets.SENSORS[rings].shots_per_line * weather.turns
-    assert 0.7 < len(label) / shots < 0.99
 
 
 @pytest.fixture
@@ -75,12 +38,57 @@ def smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         shorter = replace(flight, lines=flight.lines // 10, shots=flight.shots // 20)
         monkeypatch.setitem(aerial.FLIGHTS, name, shorter)
     monkeypatch.setattr(aerial, 'GOOD', 50_000)
+    monkeypatch.setattr(aerial, 'OUTLIERS', 260)
     for number, weather in streets.WEATHER.items():
         monkeypatch.setitem(streets.WEATHER, number, replace(weather, turns=2))
         sensor = streets.SENSORS[number]
         columns, column_time = sensor.columns // 8, 8 * sensor.column_time
         coarser = replace(sensor, columns=columns, column_time=column_time)
         monkeypatch.setitem(streets.SENSORS, number, coarser)
+
+
+@pytest.mark.usefixtures('smaller')
+@pytest.mark.parametrize('name', PRESETS)
+def test_points_and_outliers(name: str) -> None:
+    """Each preset has exactly the paper's numbers, and a street the stated share of outliers."""
+    made = tuple(make(name))
+    label = np.concatenate([cloud.points['label'] for cloud in made])
+    if name.startswith('street-'):
+        rings = int(name.removeprefix('street-'))
+        weather = streets.WEATHER[rings]
+        assert np.mean(label != 0) == pytest.approx(weather.share, abs=2 / len(label))
+        assert len(made) == weather.turns
+        for cloud in made:
+            assert cloud.frame == 'lidar'
+            assert np.unique(cloud.points['ring']).tolist() == list(range(rings))
+            t = cloud.points['t'].astype(np.int64)
+            assert (np.diff(t) > 0).all()
+            assert t[-1] < cloud.sent - cloud.stamp
+        # The sky, and open windows, leave shots without a point.
+        shots = streets.SENSORS[rings].shots_per_line * weather.turns
+        assert 0.7 < len(label) / shots < 0.99
+        return
+    sizes = {
+        **{one: (how.points, how.outliers) for one, how in leslar.SURVEYS.items()},
+        **{one: (how.lines * how.shots, how.outliers) for one, how in aerial.FLIGHTS.items()},
+        'pirotti-sfm': (aerial.GOOD + aerial.OUTLIERS, aerial.OUTLIERS),
+        'pirotti-fcd': (72_000, 540),
+        SMALL: (656, 84),
+    }
+    assert (len(label), int(np.count_nonzero(label))) == sizes[name]
+
+
+def test_numbers_of_the_papers() -> None:
+    """Those of table 1 of Leslar et al., of Pirotti et al., and of the flights."""
+    found = {one: (how.points, how.outliers) for one, how in leslar.SURVEYS.items()}
+    assert found == {
+        'leslar-a': (1_098_689, 11_035),
+        'leslar-b': (295_147, 872),
+        'leslar-c': (237_740, 31),
+    }
+    assert (aerial.GOOD, aerial.OUTLIERS) == (1_000_000, 2596)
+    points = [how.lines * how.shots for how in aerial.FLIGHTS.values()]
+    assert points == [500_000, 1_000_000]
 
 
 @pytest.mark.usefixtures('smaller')
