@@ -324,7 +324,7 @@ def _allocator(output: Path, tile: float) -> Allocate:
         try:
             with TemporaryFile(dir=output.parent) as stream:
                 # Where the disk is full, an access to the array would end the process.
-                if size and hasattr(os, 'posix_fallocate'):
+                if size:
                     os.posix_fallocate(stream.fileno(), 0, size)
                 stream.truncate(max(1, size))
                 return np.asarray(np.memmap(stream, dtype, 'r+', shape=shape))

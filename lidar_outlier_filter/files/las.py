@@ -49,18 +49,15 @@ NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 AXES = ('x', 'y', 'z')
 # What is unpacked for a column of point formats 6 to 10; all of a point for any other column.
+_RETURNS = ('x', 'y', 'return_number', 'scanner_channel')
 _PARTS = {
-    'x': Parts.XY_RETURNS_CHANNEL,
-    'y': Parts.XY_RETURNS_CHANNEL,
-    'return_number': Parts.XY_RETURNS_CHANNEL,
-    'scanner_channel': Parts.XY_RETURNS_CHANNEL,
+    **dict.fromkeys(_RETURNS, Parts.XY_RETURNS_CHANNEL),
+    **dict.fromkeys(('edge_of_flight_line', 'scan_direction_flag'), Parts.FLAGS),
     'z': Parts.Z,
-    'classification': Parts.CLASSIFICATION,
-    'edge_of_flight_line': Parts.FLAGS,
-    'scan_direction_flag': Parts.FLAGS,
-    'scan_angle': Parts.SCAN_ANGLE,
-    'point_source_id': Parts.POINT_SOURCE_ID,
-    'gps_time': Parts.GPS_TIME,
+    **{
+        name: Parts[name.upper()]
+        for name in ('classification', 'scan_angle', 'point_source_id', 'gps_time')
+    },
 }
 # Offsets in the header (LAS 1.4, table 3), first byte and the one behind the last.
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
@@ -173,9 +170,7 @@ class LasFile(CloudFile):
                 writer.write_evlrs(VLRList(evlrs))
             writer.close()
             self._restore(stream, writer.header, change)
-            for record, offset in _places(writer.header, records, evlrs):
-                stream.seek(offset)
-                stream.write(record.head)
+            self._restore_heads(stream, writer.header, (records, evlrs))
 
     def _restore(self, stream: BinaryIO, header: Any, change: Change) -> None:
         """Put back the bytes of the header that laspy rewrote."""
@@ -192,16 +187,16 @@ class LasFile(CloudFile):
             stream.seek(offset)
             stream.write(data)
 
-
-def _places(
-    header: Any, records: Sequence[LasRecord], evlrs: Sequence[LasRecord]
-) -> Iterator[tuple[LasRecord, int]]:
-    """Yield the records of a copy, and where they begin."""
-    size = LAS_HEADERS_SIZE[str(header.version)] + len(header.extra_header_bytes)
-    for offset, some in ((size, records), (header.start_of_first_evlr, evlrs)):
-        for record in some:
-            yield record, offset
-            offset += len(record.head) + len(record.record_data)  # noqa: PLW2901
+    def _restore_heads(
+        self, stream: BinaryIO, header: Any, records: Sequence[Sequence[LasRecord]]
+    ) -> None:
+        """Put back the heads of the records before and behind the points."""
+        begin = LAS_HEADERS_SIZE[str(header.version)] + len(header.extra_header_bytes)
+        for offset, some in zip((begin, header.start_of_first_evlr), records, strict=True):
+            for record in some:
+                stream.seek(offset)
+                stream.write(record.head)
+                offset += len(record.head) + len(record.record_data)  # noqa: PLW2901
 
 
 def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:
@@ -217,18 +212,17 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
     selection = sum(
         getattr(lazrs, f'SELECTIVE_DECOMPRESS_{part.name}') for part in Parts if part in parts
     )
-    command = [
-        *(sys.executable, '-I', '-S', str(Path(unpack_laz.__file__))),
-        str(Path(lazrs.__file__).parents[1]),
-        str(path.absolute()),
-        records[0].hex(),
-        *(str(n) for n in (header.offset_to_point_data, selection, each, count, rows)),
-    ]
+    library, record = Path(lazrs.__file__).parents[1], records[0].hex()
+    numbers = (header.offset_to_point_data, selection, each, count, rows)
+    command = [sys.executable, '-I', '-S', unpack_laz.__file__, library, path.absolute(), record]
     with (
         tempfile.TemporaryFile() as said,
         # In a session of its own: Ctrl-C is for the reader.
         subprocess.Popen(  # noqa: S603  no shell; all but the path are numbers
-            command, stdout=subprocess.PIPE, stderr=said, start_new_session=True
+            [*map(str, (*command, *numbers))],
+            stdout=subprocess.PIPE,
+            stderr=said,
+            start_new_session=True,
         ) as process,
     ):
         stream = cast('BinaryIO', process.stdout)
@@ -243,18 +237,14 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
             else:
                 if rows or process.wait() == 0:
                     return
+            status = process.wait()
             said.seek(0)
-            raise _refusal(path, process.wait(), said.read().decode(errors='replace'))
+            text = said.read().decode(errors='replace').rpartition('\n')[2]
+            if status < 0:
+                text = f'the library for LAZ ended by {signal.Signals(-status).name}'
+            raise CloudError(f'the file {path}', 'readable', said_by(RuntimeError(text)))
         finally:
             process.kill()
-
-
-def _refusal(path: Path, status: int, said: str) -> CloudError:
-    """Say what ended the process that unpacks."""
-    text = said.rpartition('\n')[2]
-    if status < 0:
-        text = f'the library for LAZ ended by {signal.Signals(-status).name}'
-    return CloudError(f'the file {path}', 'readable', said_by(RuntimeError(text)))
 
 
 def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:

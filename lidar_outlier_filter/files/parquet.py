@@ -47,8 +47,7 @@ class ParquetFile(CloudFile):
         self.path = path
         with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             self._schema = file.schema_arrow
-            self._count = _count_rows(path, file.metadata)
-            check_groups(path, file)
+            self._count = check_groups(path, file)
         check_names(path, self._schema.names)
         self.columns: Mapping[str, np.dtype[Any]] = {
             # With a time zone or without, a time is a number of nanoseconds.
@@ -96,15 +95,6 @@ class ParquetFile(CloudFile):
                 yield done
 
 
-def _count_rows(path: Path, metadata: Any) -> int:
-    """Count the points; each part says how many it has, and all together have."""
-    parts = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
-    if min(parts, default=0) < 0:
-        raise CloudError(f'the points in a part of {path}', 'at least 0', min(parts))
-    check_count(path, metadata.num_rows, sum(parts))
-    return sum(parts)
-
-
 def _numbers(column: Any) -> NDArray[Any]:
     if pa.types.is_timestamp(column.type):
         column = column.cast(pa.timestamp('ns', column.type.tz)).cast(pa.int64())
@@ -119,27 +109,31 @@ def _properties(file: Any) -> dict[str, Any]:
     if file.num_row_groups == 0:
         return {}
     group = file.metadata.row_group(0)
-    columns = [group.column(i) for i in range(group.num_columns)]
+    columns = (group.column(i) for i in range(group.num_columns))
     compression = {
-        column.path_in_schema: column.compression.replace('UNCOMPRESSED', 'NONE')
-        for column in columns
+        one.path_in_schema: one.compression.replace('UNCOMPRESSED', 'NONE') for one in columns
     }
     return {'compression': compression, 'version': file.metadata.format_version}
 
 
-def check_groups(path: Path, file: parquet.ParquetFile) -> None:
-    """Refuse more rows, or larger row groups, than a file of its size can mean."""
-    size, metadata = path.stat().st_size, file.metadata
-    check_fits(path, 'the number of points', metadata.num_rows, 1, ROWS_OF_A_BYTE * size)
-    for number in range(metadata.num_row_groups):
-        group = metadata.row_group(number)
+def check_groups(path: Path, file: parquet.ParquetFile) -> int:
+    """Count the rows; refuse more, or larger row groups, than a file of its size can mean."""
+    metadata = file.metadata
+    groups = [metadata.row_group(number) for number in range(metadata.num_row_groups)]
+    if (fewest := min((group.num_rows for group in groups), default=0)) < 0:
+        raise CloudError(f'the points in a part of {path}', 'at least 0', fewest)
+    check_count(path, metadata.num_rows, sum(group.num_rows for group in groups))
+    most = ROWS_OF_A_BYTE * path.stat().st_size
+    check_fits(path, 'the number of points', metadata.num_rows, 1, most)
+    for number, group in enumerate(groups):
         total = 0
         for index in range(group.num_columns):
             column = group.column(index)
-            # Of values of a fixed length the schema says it.
+            # The schema has the width of values of a fixed length.
             width = _WIDTHS.get(column.physical_type) or file.schema.column(index).length
             total += max(column.total_uncompressed_size, column.num_values * width)
-        _check(path, number, group.num_rows, total)
+        _check_size(path, number, group.num_rows, total)
+    return int(metadata.num_rows)
 
 
 def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
@@ -152,10 +146,10 @@ def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
         # The values of a dictionary are held once.
         held = (c.indices if pa.types.is_dictionary(c.type) else c for c in batch.columns)
         total += sum(column.nbytes for column in held)
-        _check(path, number, rows, total)
+        _check_size(path, number, rows, total)
 
 
-def _check(path: Path, number: int, rows: int, total: int) -> None:
+def _check_size(path: Path, number: int, rows: int, total: int) -> None:
     most = max(LARGEST, OF_A_ROW * rows)
     if total > most:
         what = f'the bytes that row group {number} of {path} unpacks to'

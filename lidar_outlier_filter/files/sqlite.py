@@ -44,7 +44,7 @@ class SqliteFile(CloudFile):
             must_be = 'closed by who wrote it'
             raise CloudError(f'the database {path}', must_be, f'rows in {log.name}')
         if wrong := damage_of(path):
-            raise self._refuse(wrong)
+            raise CloudError(f'the database {path}', 'whole', f'"{wrong}"')
         with closing(connect(path)) as database:
             self.table = _choose(database, path, table)
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
@@ -64,9 +64,6 @@ class SqliteFile(CloudFile):
             for (_, name, kind, *_), value in zip(stored, first or (), strict=False)
             if value is None or _number(value) is not None
         }
-
-    def _refuse(self, wrong: str) -> CloudError:
-        return CloudError(f'the database {self.path}', 'whole', f'"{wrong}"')
 
     def __len__(self) -> int:
         """Count the rows."""
@@ -97,32 +94,26 @@ class SqliteFile(CloudFile):
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Copy the database and add the table with the verdict: a row for each, by its row id."""
+        name, done = _quoted(self.table + VERDICT), 0
+        columns = ''.join(
+            f', {_quoted(key)} {_TYPES[values.dtype.kind]}' for key, values in change.added.items()
+        )
+        insert = f'INSERT INTO {name} VALUES (?{", ?" * len(change.added)})'  # noqa: S608  quoted
         try:
-            yield from self._copy(path, change)
+            with closing(connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
+                source.backup(target)
+                with target:
+                    target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
+                    ids = self._select(source, ROW_ID)
+                    while rows := ids.fetchmany(CHUNK):
+                        part = slice(done, done + len(rows))
+                        added = [values[part].tolist() for values in change.added.values()]
+                        numbers = (row[0] for row in rows)
+                        target.executemany(insert, zip(numbers, *added, strict=True))
+                        done = part.stop
+                        yield done
         except sqlite3.OperationalError as err:  # the database that is read is whole
             raise OSError(errno.EIO, str(err)) from err
-
-    def _copy(self, path: Path, change: Change) -> Iterator[int]:
-        with closing(connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
-            source.backup(target)
-            name = _quoted(self.table + VERDICT)
-            columns = ''.join(
-                f', {_quoted(key)} {_TYPES[values.dtype.kind]}'
-                for key, values in change.added.items()
-            )
-            marks = ', ?' * len(change.added)
-            insert = f'INSERT INTO {name} VALUES (?{marks})'  # noqa: S608  quoted
-            done = 0
-            with target:
-                target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
-                ids = self._select(source, ROW_ID)
-                while rows := ids.fetchmany(CHUNK):
-                    part = slice(done, done + len(rows))
-                    added = [values[part].tolist() for values in change.added.values()]
-                    numbers = (row[0] for row in rows)
-                    target.executemany(insert, zip(numbers, *added, strict=True))
-                    done = part.stop
-                    yield done
 
 
 def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str:

@@ -9,6 +9,7 @@ second.
 
 from __future__ import annotations
 
+import resource
 import struct
 import sys
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -28,9 +29,11 @@ def main(arguments: Sequence[str]) -> int:
     offset of the points, what to unpack, the size and the count of points, and how many to unpack
     at once; 0: none. The last line on stderr says what is wrong.
     """
-    library, path, record = arguments[:3]
-    begin, selection, size, count, rows = (int(word) for word in arguments[3:])
-    _limit_memory()
+    library, path, record, *numbers = arguments
+    begin, selection, size, count, rows = map(int, numbers)
+    most = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit = MEMORY if most == resource.RLIM_INFINITY else min(most, MEMORY)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
     sys.path.insert(0, library)
     import lazrs  # noqa: PLC0415  its folder is known now
 
@@ -39,8 +42,7 @@ def main(arguments: Sequence[str]) -> int:
         with open(path, 'rb') as source:  # noqa: PTH123  pathlib takes longer to import
             found = _count(source, lazrs, laszip, begin, size, count)
             if found != count:
-                sys.stderr.write(f'\n{found} points instead of {count}')
-                return 1
+                raise ValueError(f'{found} points instead of {count}')  # noqa: TRY301
             if not rows:
                 return 0
             source.seek(begin)
@@ -61,16 +63,6 @@ def main(arguments: Sequence[str]) -> int:
         sys.stderr.write(f'\n{text}')
         return 1
     return 0
-
-
-def _limit_memory() -> None:
-    try:
-        import resource  # noqa: PLC0415  Unix only
-    except ModuleNotFoundError:
-        return
-    most = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    limit = MEMORY if most == resource.RLIM_INFINITY else min(most, MEMORY)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
 
 
 def _count(  # noqa: PLR0913  where the points are
