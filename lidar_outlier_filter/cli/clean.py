@@ -347,8 +347,8 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
         for one in find_files(root, SUFFIXES):
             if is_prose(one):
                 say(f'{one} is skipped: it is text without columns of numbers')
-                continue
-            tasks.append(_task(one, options, folder, str(one.relative_to(root))))
+            else:
+                tasks.append(_task(one, options, folder, str(one.relative_to(root))))
     return tasks
 
 

@@ -6,10 +6,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, say
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, say, show
 from lidar_outlier_filter.errors import printable
 
 if TYPE_CHECKING:
@@ -24,27 +25,13 @@ if TYPE_CHECKING:
 
 MAX_ROWS = 1000  # of a table: more take a terminal seconds
 MAX_NAMES = 5  # of recordings without clouds, in the last line
-# Of ASPRS (LAS 1.4, table 17).
-CLASSES = {
-    0: 'never classified',
-    1: 'unclassified',
-    2: 'ground',
-    3: 'low vegetation',
-    4: 'medium vegetation',
-    5: 'high vegetation',
-    6: 'building',
-    7: 'low point (noise)',
-    8: 'key point',
-    9: 'water',
-    10: 'rail',
-    11: 'road surface',
-    13: 'wire guard',
-    14: 'wire conductor',
-    15: 'transmission tower',
-    16: 'wire connector',
-    17: 'bridge deck',
-    18: 'high noise',
-}
+# Of ASPRS (LAS 1.4, table 17); 12 is reserved.
+_NAMES = (
+    'never classified, unclassified, ground, low vegetation, medium vegetation, high vegetation, '
+    'building, low point (noise), key point, water, rail, road surface, , wire guard, '
+    'wire conductor, transmission tower, wire connector, bridge deck, high noise'
+)
+CLASSES = dict(enumerate(_NAMES.split(', ')))
 # By a rule in metres.
 LOW_POINTS = 'to find more, try --chain boosted_trees,elevation --set elevation.against=ground'
 MUCH = 0.005  # share of the points that rarely are outliers
@@ -59,12 +46,7 @@ def show_replayed(
     folder: object,
 ) -> None:
     """Print the table of a run, and to stderr what failed or is incomplete."""
-    from rich.console import Console
-
-    console = Console()
-    console.print(table_of_all(tasks, records, tried, job))
-    line = printable(f'written to {folder}')
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
+    show(table_of_all(tasks, records, tried, job), f'written to {folder}')
     for task, record in zip(tasks, records, strict=True):
         say_lacks(task, record)
     print_counts(tasks, records, tried, job)
@@ -74,24 +56,18 @@ def print_counts(
     tasks: Sequence[Task], records: Sequence[ArchiveRecord], tried: Collection[Task], job: Job
 ) -> None:
     """Print how many are done, now and before, failed and incomplete."""
-    from rich.console import Console
-
     of_state = {state: [r for r in records if r.state == state] for state in _states()}
     done, failed, empty = of_state.values()
-    left = set(tasks) - set(tried)
-    before = sum(
-        record.state == _states()[0]
-        for task, record in zip(tasks, records, strict=True)
-        if task in left
-    )
+    states = {task: record.state for task, record in zip(tasks, records, strict=True)}
+    before = sum(states[task] == _states()[0] for task in states.keys() - set(tried))
     lacking = sum(not record.is_complete for record in done)
     counts = f'{len(done) - before} {job.done}, {before} done before'
     counts += f', {len(failed)} {job.failed}, {lacking} incomplete'
     if empty:
-        names = ', '.join(printable(record.source) for record in empty[:MAX_NAMES])
+        names = ', '.join(record.source for record in empty[:MAX_NAMES])
         more = f' and {len(empty) - MAX_NAMES:,} more' if len(empty) > MAX_NAMES else ''
         counts += f', {len(empty)} without clouds: {names}{more}'
-    Console().print(counts, markup=False, highlight=False, soft_wrap=True)
+    show(counts)
 
 
 def _states() -> tuple[str, str, str]:
@@ -220,21 +196,18 @@ def _show(
     found: Mapping[Path, CleanReport], worst: Mapping[Path, Worst], table: Table | None
 ) -> None:
     """Print sentences on each file, the table of all, other tables, and what was written."""
-    from rich.console import Console
-
     for path, report in found.items():
         _say_how(path, report)
-    console, reports = Console(), list(found.values())
+    reports = list(found.values())
     if table is not None:
-        console.print(table)
+        show(table)
     if any(report.by_class for report in reports):
-        console.print(_table_of_classes(reports))
+        show(_table_of_classes(reports))
     if any(report.rejected for report in reports):
-        console.print(_table_of_causes(reports, worst))
+        show(_table_of_causes(reports, worst))
     if any(one.groups for one in worst.values()):
-        console.print(_table_of_groups(worst))
-    for written in (printable(name) for report in reports for name in report.outputs):
-        console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
+        show(_table_of_groups(worst))
+    show(*(f'written to {name}' for report in reports for name in report.outputs))
 
 
 def _say_how(path: Path, report: CleanReport) -> None:
@@ -260,15 +233,16 @@ def _say_how(path: Path, report: CleanReport) -> None:
 
 def _table_of_classes(reports: Sequence[CleanReport]) -> Table:
     """Make the table of the classes of LAS, of all files together."""
-    total: dict[int, tuple[int, int]] = {}
+    points, rejected = Counter[int](), Counter[int]()
     for report in reports:
         for number, counts in report.by_class.items():
-            before = total.get(number, (0, 0))
-            total[number] = (before[0] + counts[0], before[1] + counts[1])
+            points[number] += counts[0]
+            rejected[number] += counts[1]
     table = numbers('class', 'points', 'rejected', 'share')
-    for number, (points, rejected) in sorted(total.items()):
+    for number, count in sorted(points.items()):
         name = f'{number} {CLASSES.get(number, "")}'.rstrip()
-        table.add_row(name, f'{points:,}', f'{rejected:,}', f'{rejected / points:.3%}')
+        share = f'{rejected[number] / count:.3%}'
+        table.add_row(name, f'{count:,}', f'{rejected[number]:,}', share)
     return table
 
 

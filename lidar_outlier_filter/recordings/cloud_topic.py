@@ -67,16 +67,13 @@ class TopicReport:
             return ''
         if self.points == self.invalid:
             return 'all are missing returns' if self.points else 'its clouds have none'
-        return ', '.join(f'{name} needs {_needs(name)}' for name in self.undecided_by)
-
-
-def _needs(name: str) -> str:
-    """Say what a detector lacks where it can test no point."""
-    return 'longer scan lines' if DETECTORS[name].lines == 'needs' else 'more points'
+        lacks = {True: 'longer scan lines', False: 'more points'}
+        needs = {name: lacks[DETECTORS[name].lines == 'needs'] for name in self.undecided_by}
+        return ', '.join(f'{name} needs {what}' for name, what in needs.items())
 
 
 class CloudTopic:
-    """A topic of clouds, its filter, and the topics of its answers."""
+    """A topic of clouds, the pipeline that filters it, and the topics of its answers."""
 
     def __init__(
         self,
@@ -99,11 +96,11 @@ class CloudTopic:
             inform(f'{name}: {text}')
 
         # A kernel is compiled when the first cloud needs it: another sensor's never are.
-        self._filter = Pipeline(parameters, say, say, motion, compiles=False)
+        self.pipeline = Pipeline(parameters, say, say, motion, compiles=False)
         if chain is not None:
-            self._filter.use_chain(chain)
-        self._filter.requested_outputs = (False, False)
-        self._filter.refuse = self._note_refusal
+            self.pipeline.use_chain(chain)
+        self.pipeline.requested_outputs = (False, False)
+        self.pipeline.refuse = self._note_refusal
         self._sentences: dict[str, str] = {}
         self._clouds = 0  # read so far
         self._times = MessageTimes()
@@ -111,24 +108,9 @@ class CloudTopic:
         self._take: Callable[[StreamCloud, Any, int], object] | None = None
         self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
 
-    @property
-    def convention(self) -> str:
-        """How the clouds are read, for people; empty: no cloud had a valid point."""
-        return self._filter.convention
-
-    @property
-    def has_rings(self) -> bool:
-        """Whether the scan lines are the rings of the sensor."""
-        return self._filter.has_rings
-
-    @property
-    def unmoved(self) -> int:
-        """Count the clouds that were taken without poses, though there is odometry."""
-        return self._filter.statistics.without_pose
-
     def show(self, take: Callable[[StreamCloud, Any, int], object]) -> None:
         """Call with each cloud that is judged, its message and its number in the topic, from 0."""
-        self._filter.show = [lambda cloud, msg: self._shown.append((cloud, msg))]
+        self.pipeline.show = [lambda cloud, msg: self._shown.append((cloud, msg))]
         self._take = take
 
     @property
@@ -147,7 +129,7 @@ class CloudTopic:
         """
         self._bag = bag
         self._outputs: list[Topic] = []
-        self._filter.requested_outputs = (True, True)
+        self.pipeline.requested_outputs = (True, True)
         for name in output_topics(resolve(self.topic.name)):
             if name in names:
                 must_be = 'a topic that the recording does not have'
@@ -164,13 +146,13 @@ class CloudTopic:
         try:
             cloud = self._types.deserialize_cdr(data, CLOUD)
         except SerdeError as err:
-            self._filter.refused(CloudError('the CDR bytes', 'a whole cloud', err))
+            self.pipeline.refused(CloudError('the CDR bytes', 'a whole cloud', err))
             return
         try:
-            finished = self._filter.process(cloud, (self._clouds, time))
+            finished = self.pipeline.process(cloud, (self._clouds, time))
         except CloudError as err:  # counted by the filter; others may be finished all the same
             self._note_refusal(err)
-            finished = self._filter.advance()
+            finished = self.pipeline.advance()
         self._write(finished)
 
     def feed_pose(self, _time: int, data: bytes) -> None:
@@ -183,11 +165,11 @@ class CloudTopic:
             self._motion.refusals.note('the CDR bytes')
             return
         self._motion.take(msg)
-        self._write(self._filter.advance())
+        self._write(self.pipeline.advance())
 
     def finish(self) -> None:
         """Write the answers to the last clouds."""
-        self._write(self._filter.flush())
+        self._write(self.pipeline.flush())
 
     def _note_refusal(self, err: CloudError) -> None:
         if len(self._sentences) < MOST_SENTENCES:
@@ -198,7 +180,7 @@ class CloudTopic:
             for (cloud, msg), answer in zip(self._shown, finished, strict=True):
                 self._take(cloud, msg, answer.tag[0] - 1)
             self._shown.clear()
-        if not any(self._filter.requested_outputs):
+        if not any(self.pipeline.requested_outputs):
             return
         for answer in finished:
             _, time = answer.tag
@@ -207,7 +189,7 @@ class CloudTopic:
 
     def report(self) -> TopicReport:
         """Say what became of the clouds."""
-        counts, parameters = self._filter.statistics, self._parameters
+        counts, parameters = self.pipeline.statistics, self._parameters
         return TopicReport(
             self.topic.name,
             self._clouds,

@@ -86,9 +86,11 @@ def learn_mask(
         learner.add(points, place)
         progress(learner.looks, 0)
     moved = parameters.motion.source == 'odometry'
-    if learner.looks and not clouds.has_rings:
+    if learner.looks and not clouds.read.pipeline.has_rings:
         must_be = 'the rings of the sensor, by a field or by rows'
-        raise RecordingError(f'the scan lines of {recording}', must_be, clouds.convention)
+        raise RecordingError(
+            f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
+        )
     if learner.taken < FEWEST:
         how = f'{STEP:g} m on by its odometry' if moved else f'{CHANGED:.0%} of what is far changed'
         must_be = f'a drive with at least {FEWEST} turns of the sensor from elsewhere ({how})'
@@ -100,7 +102,7 @@ def learn_mask(
         parameters.motion.topic if moved else '',
         learner.looks,
         learner.taken,
-        sum(clouds.refusals.values()),
+        clouds.read.report().refused,
     )
 
 

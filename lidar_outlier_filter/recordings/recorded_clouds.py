@@ -18,7 +18,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -58,13 +58,11 @@ class RecordedClouds:
     ----------
     topic : of the clouds
     times : in the recording, of all clouds that the topic has, nanoseconds
-    unmoved : clouds that were taken without poses, though there is odometry
-    refusals : clouds that were refused, by what was wrong with them
-    sentences : the first one for each of these
-    convention : how the clouds are read, for people; empty: no cloud had a valid point
-    has_rings : whether their scan lines are the rings of the sensor
+    read : the topic as an iteration has read it, with its ``report`` and its ``pipeline``
 
     """
+
+    read: CloudTopic
 
     def __init__(
         self,
@@ -76,12 +74,8 @@ class RecordedClouds:
         with_path: bool = False,
     ) -> None:
         """Name the recording and the topic; None: the only one."""
-        self.topic = self.convention = ''
+        self.topic = ''
         self.times: list[int] = []
-        self.unmoved = 0
-        self.has_rings = False
-        self.refusals: Mapping[str, int] = {}
-        self.sentences: Mapping[str, str] = {}
         self._recording = recording
         self._parameters = parameters
         self._wanted = topic
@@ -110,9 +104,9 @@ class RecordedClouds:
             topic = _choose(source, self._wanted)
             self.topic = topic.name
             check_motion(source, parameters.motion)
-            feed = CloudTopic(topic, parameters, chain=_Nothing(parameters), motion=motion)
-            feed.show(take)
-            listeners = feed.listeners
+            self.read = CloudTopic(topic, parameters, chain=_Nothing(parameters), motion=motion)
+            self.read.show(take)
+            listeners = self.read.listeners
             for channel, time, data in source.messages():
                 listener = listeners.get((channel.name, channel.msgtype))
                 if listener is None:
@@ -122,17 +116,8 @@ class RecordedClouds:
                 listener(time, data)
                 yield from taken
                 taken.clear()
-        feed.finish()
+        self.read.finish()
         yield from taken
-        report = feed.report()
-        self.refusals, self.sentences = report.refusals, report.sentences
-        self.unmoved, self.convention = feed.unmoved, feed.convention
-        self.has_rings = feed.has_rings
-
-    @property
-    def count(self) -> int:
-        """Count the clouds that the topic has."""
-        return len(self.times)
 
 
 class _SeeingOdometry(Odometry):
@@ -172,18 +157,11 @@ class _Nothing(Chain):
 def _choose(source: Recording, topic: str | None) -> Topic:
     """Find the topic of clouds that is named, or the only one; answers are none."""
     names = {channel.name: channel for channel in source.topics if channel.msgtype == CLOUD}
-    inputs = [
-        name
-        for name in names
-        if not any(
-            name.endswith(answer) and name.removesuffix(answer) in names
-            for answer in (CLEANED, OUTLIERS)
-        )
-    ]
+    answers = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
+    inputs = [name for name in names if name not in answers]
     if topic is None and len(inputs) == 1:
         return names[inputs[0]]
     if topic is None or topic not in names:
-        known = ', '.join(inputs) or 'none'
-        must_be = f'one of its topics of clouds ({known})'
+        must_be = f'one of its topics of clouds ({", ".join(inputs) or "none"})'
         raise RecordingError(f'the topic to learn from in {source.path}', must_be, repr(topic))
     return names[topic]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
@@ -42,13 +43,6 @@ def written(address: object) -> Iterator[None]:
         raise
     except Exception as err:  # as above
         raise RecordingError(f'the output {address}', 'written in full', said_by(err)) from err
-
-
-@dataclass(frozen=True)
-class Size:
-    """What is asked of the state of a file."""
-
-    st_size: int
 
 
 @dataclass(frozen=True)
@@ -118,10 +112,10 @@ class RemotePath:
         """Give what is in the folder and fits a pattern."""
         return (path for path in self.iterdir() if PurePosixPath(path.key).match(pattern))
 
-    def stat(self, *, follow_symlinks: bool = True) -> Size:  # noqa: ARG002  rosbags names it
-        """Return its size."""
+    def stat(self, **_: bool) -> SimpleNamespace:
+        """Return its size, ``st_size``."""
         with reached(self):
-            return Size(int(self.system.info(self.key)['size']))
+            return SimpleNamespace(st_size=int(self.system.info(self.key)['size']))
 
     def open(self, mode: str = 'rb') -> BinaryIO:
         """Open it to be read by ranges, of which the last ones are kept."""

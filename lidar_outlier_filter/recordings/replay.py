@@ -60,7 +60,7 @@ def replay(  # noqa: PLR0913  what the command line offers
     drop_input: bool = False,
     salvage: bool = False,
     largest: int = LARGEST,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
     inform: Callable[[str], object] = str,
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
@@ -103,7 +103,9 @@ def replay(  # noqa: PLR0913  what the command line offers
         source = stack.enter_context(Recording(path, largest))
         bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
-        _check_together(source, chosen, given)
+        if len(chosen) > 1:
+            _check_several(given)
+        check_motion(source, given.motion)
         streams = {topic: CloudTopic(topic, given, inform) for topic in chosen}
         started = perf_counter()
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
@@ -119,7 +121,7 @@ def _copy(
     bag: NewBag,
     streams: Mapping[Topic, CloudTopic],
     dropped: Collection[Topic],
-    progress: Callable[[int, int], object] | None,
+    progress: Callable[[int, int], object],
 ) -> int:
     """Write what is not dropped, and the answers of all streams; count the messages read."""
     for topic in source.topics:
@@ -138,8 +140,7 @@ def _copy(
         if listener is not None:
             listener(time, data)
         done += 1
-        if progress is not None:
-            progress(done, source.message_count)
+        progress(done, source.message_count)
     for stream in streams.values():
         stream.finish()
     return done
@@ -177,15 +178,11 @@ def _check_answered(source: Recording, reports: Sequence[TopicReport]) -> None:
         raise RecordingError(f'the clouds of {source.path}', must_be, got)
 
 
-def _check_together(
-    source: Recording, chosen: Collection[Topic], parameters: FilterParameters
-) -> None:
-    """Refuse motion that the recording does not hold, and one mask for several sensors."""
-    if parameters.mask != OFF and len(chosen) > 1:
+def _check_several(parameters: FilterParameters) -> None:
+    """Refuse one mask, and one path, for several sensors."""
+    if parameters.mask != OFF:
         must_be = f"'{OFF}' for several topics, whose sensors see the vehicle from elsewhere"
         raise ParameterError('mask', must_be, repr(parameters.mask))
-    motion = parameters.motion
-    if motion.source == 'odometry' and len(chosen) > 1:
+    if parameters.motion.source == 'odometry':
         must_be = "'none' for several topics, whose sensors are not at the same place"
-        raise ParameterError('motion.source', must_be, repr(motion.source))
-    check_motion(source, motion)
+        raise ParameterError('motion.source', must_be, repr(parameters.motion.source))

@@ -178,11 +178,11 @@ class RecordedSource:
         for number, stream in enumerate(streams):
             for cloud in stream.flush():
                 yield number, cloud
-        found.refusals = dict(self._clouds.refusals)
-        found.sentences = dict(self._clouds.sentences)
-        found.unmoved, found.convention = self._clouds.unmoved, self._clouds.convention
+        pipeline, report = self._clouds.read.pipeline, self._clouds.read.report()
+        found.refusals, found.sentences = dict(report.refusals), dict(report.sentences)
+        found.unmoved, found.convention = pipeline.statistics.without_pose, pipeline.convention
         found.topic, found.times = self._clouds.topic, self._clouds.times
-        self._labels.check_count(self._clouds.count)
+        self._labels.check_count(len(found.times))
         self.found = found
 
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:

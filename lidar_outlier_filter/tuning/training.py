@@ -180,15 +180,20 @@ def from_recording(  # noqa: PLR0913  what the command line offers
         eyes.append(cloud.eye)
         if not injected:
             read.append(labels.read(cloud.number, cloud.msg)[cloud.cloud.where])
-    labels.check_count(source.count)
+    labels.check_count(len(source.times))
     if isinstance(truth, Injection):
         clouds, code = inject(clouds, truth, eyes)
     else:
         code = np.concatenate(read)
     t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
     found = _checked(clouds, code, codes, cut(t, stretches), stretches, streamed=True)
-    refused = source.count - len(clouds)
-    return replace(found, frames=tuple(frames), refused=refused, unmoved=source.unmoved)
+    refused = len(source.times) - len(clouds)
+    return replace(
+        found,
+        frames=tuple(frames),
+        refused=refused,
+        unmoved=source.read.pipeline.statistics.without_pose,
+    )
 
 
 def from_file(  # noqa: PLR0913  what the command line offers

@@ -272,7 +272,10 @@ def test_one_file_needs_no_archive(tmp_path: Path) -> None:
         (['{}/bun0.pcd', '--set', 'sor.k=0'], 'sor.k must be from 1 to 1000, got 0'),
         (['{}/bun0.pcd', '--set', 'max_points=100'], 'the number of points judged in one piece'),
         (['{}/bun0.pcd', '--tile', 'nan'], '--tile must be at least 0 and finite, got nan'),
-        (['{}/bun0.pcd', '--output', '{}/bun0.pcd'], 'the output must be a new file, got {}/bun0'),
+        (
+            ['{}/bun0.pcd', '--output', '{}/bun0.pcd'],
+            'the output must be a new file, got {}/bun0.pcd, which exists; remove it, or name ano',
+        ),
         (['{}/bun0.pcd', '--output', '{}/bun.ply'], 'the output must be in the format of bun0.pcd'),
         (['{}/bun0.pcd', '--output', '{}/no/bun.pcd'], 'the output {}/no/bun.pcd must be written'),
         (
