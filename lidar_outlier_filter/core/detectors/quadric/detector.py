@@ -19,8 +19,8 @@ import numpy as np
 from scipy.special import fdtri, stdtrit
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric
-from lidar_outlier_filter.core.detectors.quadric.kernels import Window, empty_window
-from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
+from lidar_outlier_filter.core.detectors.quadric.fits import Window, empty_window
+from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, Rules
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
@@ -43,7 +43,6 @@ MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
 ENOUGH = 1.5  # times the points of the core: what a window has at least
 SMALLEST = 2.0**-20  # of the largest extent of the cloud: the margin around a single place
 RIM = 3  # times the points of the largest core: the most on a rim; of more every so-manieth counts
-MIN_POINTS = 12  # of a surface
 FREEDOMS = 1000  # degrees of freedom in the tables; beyond, quantiles do not change
 
 
@@ -106,9 +105,8 @@ def detect(
         _patches(neighbourhood, place, parameters, xyz, weights, score)
     else:
         _sections(neighbourhood, parameters, xyz, weights, score)
-    share_scores(xyz, score)
     result = np.empty_like(score)
-    result[order] = score
+    result[order] = share_scores(xyz, score)
     return result
 
 
@@ -127,8 +125,9 @@ def _sections(
 
     others = threads.run(work, len(cores), SECTIONS, neighbourhood.threads)
     failed = ~(score <= 1)
-    for index, value in others:
-        acquit(score, failed, index, value)
+    for index, value in others:  # the least counts
+        of_failed = failed[index]
+        np.fmin.at(score, index[of_failed], value[of_failed])
 
 
 def _patches(
@@ -139,10 +138,8 @@ def _patches(
     variance: Floats,
     score: Floats,
 ) -> None:
-    rules, nearest = (
-        _rules(parameters),
-        neighbourhood.nearest(min(parameters.k, len(xyz) - 1)).index,
-    )
+    rules = _rules(parameters)
+    nearest = neighbourhood.nearest(min(parameters.k, len(xyz) - 1)).index
     rank = np.empty(len(xyz), np.int64)
     rank[place] = np.arange(len(xyz))
 
@@ -154,15 +151,9 @@ def _patches(
 
 
 def _rules(parameters: Quadric) -> Rules:
-    critical, ratio = tables(parameters.significance)
-    return Rules(
-        critical,
-        ratio,
-        parameters.sigma_floor,
-        MIN_POINTS,
-        1 if parameters.model == 'always' else parameters.surfaces,
-        parameters.model == 'always',
-    )
+    always = parameters.model == 'always'
+    surfaces = 1 if always else parameters.surfaces
+    return Rules(*tables(parameters.significance), parameters.sigma_floor, surfaces, always)
 
 
 @lru_cache(maxsize=64)
@@ -208,20 +199,18 @@ def _is_before(xyz: Floats, one: int, other: int) -> bool:
     return False
 
 
-@kernel
-def share_scores(xyz: Floats, score: Floats) -> None:
+def share_scores(xyz: Floats, score: Floats) -> Floats:
     """Give coincident points, which follow each other, the least of their scores.
 
     Each may be in the fit or not, whichever was given first.
     """
-    begin = 0
-    for i in range(1, len(xyz) + 1):
-        if i < len(xyz) and not (xyz[i] != xyz[begin]).any():
-            continue
-        for k in range(begin + 1, i):
-            score[begin] = np.fmin(score[begin], score[k])
-        score[begin:i] = score[begin]
-        begin = i
+    x, y, z = xyz.T
+    first = np.ones(len(xyz), np.bool_)
+    first[1:] = (x[1:] != x[:-1]) | (y[1:] != y[:-1]) | (z[1:] != z[:-1])
+    if first.all():
+        return score
+    begin = np.flatnonzero(first)
+    return np.repeat(np.fmin.reduceat(score, begin), np.diff(begin, append=len(xyz)))
 
 
 @kernel
@@ -395,12 +384,3 @@ def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
         for axis in range(3):
             window.xyz[axis, k] = xyz[i, axis]
         window.variance[k] = variance[i]
-
-
-@kernel
-def acquit(score: Floats, failed: NDArray[np.bool_], index: Ints, value: Floats) -> None:
-    """Give points that failed, or were not tested, the least score of the other windows."""
-    for k in range(len(index)):
-        i = index[k]
-        if failed[i]:
-            score[i] = np.fmin(score[i], value[k])

@@ -8,92 +8,55 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.quadric.fits import measure_residuals, weigh
-from lidar_outlier_filter.core.detectors.quadric.kernels import (
+from lidar_outlier_filter.core.detectors.quadric.fits import (
     HEIGHT,
     PARABOLOID,
     PLANE,
     QUADRIC,
     SIZES,
     Window,
+    measure_residuals,
     normalize,
     step,
+    weigh,
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, select
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
 
-CONCENTRATIONS = 2  # refits to the half that agrees best
+MIN_POINTS = 12  # of a surface
+CONCENTRATIONS = 2  # refits to the half, or the share, of points that agrees best
 CURVED = 0.25  # residual over the radius at which a quadric bends; above (20) is no approximation
 TIGHT = 1.5  # the same while it grows
 
 
 class Rules(NamedTuple):
-    """What the judgement goes by.
+    """Rules of the judgement."""
 
-    Attributes
-    ----------
-    critical : (F,) float64
-        Two-sided quantile of t for 0 to F - 1 degrees of freedom; the last stands for all beyond.
-    ratio : (F,) float64
-        The same of F with three degrees of freedom in the numerator, those of the next model.
-    floor : float
-        Least standard deviation of a residual, metres.
-    fewest : int
-        Least number of points that make a surface.
-    surfaces : int
-        Largest number of surfaces.
-    always : bool
-        Whether nothing but a quadric is fitted, to all points, ambiguous or not, and every window
-        is decided; else a surface begins with the points nearest to a plane.
-
-    """
-
-    critical: Floats
-    ratio: Floats
-    floor: float
-    fewest: int
-    surfaces: int
+    critical: Floats  # two-sided quantile of t by degrees of freedom; the last for all beyond
+    ratio: Floats  # the same of F for three more parameters, by those of the larger model
+    floor: float  # least standard deviation of a residual, metres
+    surfaces: int  # at most
+    # Nothing but a quadric is fitted, to all points, ambiguous or not, and every window is decided;
+    # else a surface begins with the points nearest to a plane.
     always: bool
 
 
 class FittedSurface(NamedTuple):
-    """A surface that has grown; the test of all points under it is in the window.
+    """A surface that has grown; the test of all points under it is in the window."""
 
-    Attributes
-    ----------
-    size : int
-        Parameters of its model; 0: there is none.
-    support : int
-        Points in the fit.
-    deviation : float
-        Standard deviation of their distances, residual ÷ slope, in the scale of the window.
-
-    """
-
-    size: int
-    support: int
-    deviation: float
+    size: int  # parameters of its model; 0: there is none
+    support: int  # points in the fit
+    deviation: float  # standard deviation of their distances, in the scale of the window
 
 
 class Growth(NamedTuple):
-    """What holds the growth of a surface.
+    """What holds the growth of a surface, in the scale of the window."""
 
-    Attributes
-    ----------
-    floor : float
-        Least standard deviation of a residual, in the scale of the window.
-    noise : float
-        Standard deviation of the first surface, which holds that of another; inf: free.
-    freedom : int
-        Its degrees of freedom; 0: free.
-
-    """
-
-    floor: float
-    noise: float
-    freedom: int
+    floor: float  # least standard deviation of a residual
+    noise: float  # standard deviation of the first surface, which holds another; inf: free
+    freedom: int  # its degrees of freedom; 0: free
 
 
 NONE = FittedSurface(0, 0, 0.0)
@@ -181,17 +144,12 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """
     sigma2, scratch = window.sigma2, window.scratch
     weigh(window, n)
-    count = 0
-    for i in range(n):
-        if window.kept[i]:
-            scratch[count] = window.residual[i] ** 2 / sigma2[i]
-            count += 1
+    count = np.count_nonzero(window.kept[:n])
     half = (count + 1) // 2
-    select(scratch, count, half - 1)
+    _rank_squares(window, n, half - 1)
     before_half = _sum(scratch, half)
     before, after = _step_from_plane(window, n)
     bent = is_better(before, after, count - (PARABOLOID - 1), rules)
-    after_half = np.inf
     for _ in range(CONCENTRATIONS):
         reach = _rank_squares(window, n, half - 1)
         for i in range(n):

@@ -16,24 +16,26 @@ from __future__ import annotations
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.fits import (
-    adjust,
-    adjust_plane,
-    fill_rows,
-    fit_plane,
-    is_plane,
-    measure_heights,
-    start_algebraic,
-    weigh,
-)
-from lidar_outlier_filter.core.detectors.quadric.kernels import (
     BEGIN,
     PLANE,
     QUADRIC,
     SIZES,
     Window,
+    adjust,
+    adjust_plane,
+    fill_rows,
+    fit_plane,
+    is_plane,
+    measure_gradient,
+    measure_heights,
+    measure_residuals,
     step,
+    sum_normal,
+    weigh,
 )
 from lidar_outlier_filter.core.detectors.quadric.statistics import (
+    CONCENTRATIONS,
+    MIN_POINTS,
     NONE,
     FittedSurface,
     Growth,
@@ -44,11 +46,11 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
+from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
 SHARE = 0.3  # of the points that are to lie near a plane that begins a surface
-CONCENTRATIONS = 2  # refits to the nearest of them
 BLUNT = 0.01  # of the least standard deviation: planes that near are equally good
 PASSES = 30  # of fit and test; in the second half of them no point comes back
 GAP = 4.0  # between the best quadric and the second best, mean squares; below they are ambiguous
@@ -67,7 +69,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
     third of them on no surface; of quadrics that are always fitted, all of them.
     """
     window.score[:n] = np.nan
-    if n < rules.fewest:
+    if n < MIN_POINTS:
         return
     scale = _centre(window, n)
     if not scale > 0:
@@ -77,7 +79,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
     floor = rules.floor / scale
     noise, freedom, left = np.inf, 0, n
     for number in range(rules.surfaces):
-        if left < rules.fewest or not _begin(window, n, left, floor, rules):
+        if left < MIN_POINTS or not _begin(window, n, left, floor, rules):
             break
         if number > 0:
             surface = _grow_another(window, n, left, rules, Growth(floor, noise, freedom))
@@ -115,9 +117,7 @@ def _centre(window: Window, n: int) -> float:
             squares += xyz[axis, i] * xyz[axis, i]
     scale = np.sqrt(squares / n)
     if scale > 0:
-        for axis in range(3):
-            for i in range(n):
-                xyz[axis, i] /= scale
+        xyz[:, :n] /= scale
     return float(scale)
 
 
@@ -134,14 +134,14 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
     if rules.always:
         window.kept[:n] = window.left[:n]
         return True
-    rank = min(left, max(rules.fewest, int(np.ceil(SHARE * left)))) - 1
+    rank = min(left, max(MIN_POINTS, int(np.ceil(SHARE * left)))) - 1
     first = BEGIN[0]
-    _weigh_left(window, first, n)
+    window.weight[:n] = window.left[:n]
     fit_plane(window, first, n)
     best = _compare(window, n, rank, floor, np.inf)
     begin, end = first, _end_of_run(window, first, n)
     while end > 0:
-        _weigh_left(window, begin, end)
+        window.weight[begin:end] = window.left[begin:end]
         fit_plane(window, begin, end)
         _drop_worse_half(window, begin, end)
         fit_plane(window, begin, end)
@@ -156,15 +156,8 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
             near = window.left[i] and abs(window.residual[i]) <= reach
             window.weight[i] = 1.0 if near else 0.0
         fit_plane(window, first, n)
-    for i in range(n):
-        window.kept[i] = window.weight[i] > 0
+    window.kept[:n] = window.weight[:n] > 0
     return True
-
-
-@inner_kernel
-def _weigh_left(window: Window, begin: int, end: int) -> None:
-    for i in range(begin, end):
-        window.weight[i] = 1.0 if window.left[i] else 0.0
 
 
 @inner_kernel
@@ -223,8 +216,7 @@ def _drop_worse_half(window: Window, begin: int, end: int) -> None:
 def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if rules.always:
-        for i in range(n):
-            window.weight[i] = 1.0 if window.kept[i] else 0.0
+        window.weight[:n] = window.kept[:n]
         fit_plane(window, BEGIN[0], n)
         fill_rows(window, n)
         return _grow_quadric(window, n, rules, growth)
@@ -265,11 +257,48 @@ def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Fitte
 
     Where a quadric is always fitted, every one is taken.
     """
-    if start_algebraic(window, n) > GAP or rules.always:
+    if _start_algebraic(window, n) > GAP or rules.always:
         quadric = _settle(window, n, SIZES[2], rules, growth)
         if rules.always or (quadric.size > 0 and is_flat(window, n)):
             return quadric
     return NONE
+
+
+@inner_kernel
+def _start_algebraic(window: Window, n: int) -> float:
+    """Set a to the eigenvector of the least eigenvalue of Σ Bᵀ B over the kept points.
+
+    Returns the gap: how many times as far, in the mean of the squares, the second best quadric is
+    from the points. Distances are those of the first order, residual ÷ slope, because eigenvalues
+    of (19) alone take any quadric for good that is flat everywhere.
+    """
+    window.weight[:n] = window.kept[:n]
+    sum_normal(window, n, SIZES[2])
+    square, vectors = window.square, window.vectors
+    square[:] = window.normal
+    eigen(square, vectors, QUADRIC)
+    least = find_least(square, QUADRIC)
+    second = 1 if least == 0 else 0
+    for k in range(QUADRIC):
+        if k != least and square[k, k] < square[second, second]:
+            second = k
+    window.a[:] = vectors[:QUADRIC, second]
+    far = _mean_square_distance(window, n)
+    window.a[:] = vectors[:QUADRIC, least]
+    return far / _mean_square_distance(window, n)
+
+
+@inner_kernel
+def _mean_square_distance(window: Window, n: int) -> float:
+    """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
+    measure_gradient(window, n)
+    measure_residuals(window, n, SIZES[2])
+    residuals = slopes = 0.0
+    for i in range(n):
+        if window.kept[i]:
+            residuals += window.residual[i] ** 2
+            slopes += window.slope[i] ** 2
+    return residuals / slopes
 
 
 @inner_kernel
@@ -305,7 +334,7 @@ def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> 
             changed = changed or following[i] != kept[i]
         if not changed:
             break
-        if count < max(rules.fewest, size + 1):
+        if count < max(MIN_POINTS, size + 1):
             return NONE
         if number < PASSES - 1:
             kept[:n] = following[:n]
