@@ -103,7 +103,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
 
     Returns
     -------
-    Outcome
+    ClusterOutcome
         In the order in which the points were given.
 
     Raises
@@ -131,9 +131,8 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     """
     count, least = len(xyz), parameters.min_cluster
     if count < max(least, 1):
-        return ClusterOutcome(
-            np.full(count, np.nan), np.zeros(count, np.uint8), np.zeros(count, np.int64)
-        )
+        none = np.zeros(count, np.int64)
+        return ClusterOutcome(np.full(count, np.nan), none.astype(np.uint8), none)
     places = find_places(xyz)
     hood = Neighbourhood(np.take(xyz, places.first, axis=0), 1, threads)
     copies = np.bincount(places.of)[hood.order]
@@ -142,22 +141,18 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     kept = tree.length <= limit(tree.length, parameters.global_confidence)
     rough = components(len(hood), tree, kept)
     size = _sizes(rough, copies)
-    local = np.full(len(size), np.inf)  # a component that phase 1 rejects stays what it is
-    for which, members in enumerate(_split(rough)):
-        if size[which] >= least:
-            whole = len(members) == len(hood)
-            own = (
-                graph
-                if whole
-                else gabriel_graph(Neighbourhood(hood.xyz[members], 1, threads), threads)
-            )
-            local[which] = limit(own.length, parameters.local_confidence)
+    # A component that phase 1 rejects stays what it is.
+    local = np.full(len(size), np.inf)
+    parts = np.split(np.argsort(rough, kind='stable'), np.cumsum(np.bincount(rough))[:-1])
+    for which in np.flatnonzero(size >= least):
+        members = parts[which]
+        if len(members) < len(hood):
+            graph = gabriel_graph(Neighbourhood(hood.xyz[members], 1, threads), threads)
+        local[which] = limit(graph.length, parameters.local_confidence)
     kept &= tree.length <= local[rough[tree.ends[:, 0]]]
     fine = components(len(hood), tree, kept)
     final = _sizes(fine, copies)[fine]
-    point = np.empty(len(hood), np.int64)
-    point[hood.order] = np.arange(len(hood))
-    at = point[places.of]  # the place of each point, in tree order
+    at = np.argsort(hood.order)[places.of]  # the place of each point, in tree order
     phase = np.where(size[rough] < least, 1, 2 * (final < least)).astype(np.uint8)
     return ClusterOutcome(least / final[at], phase[at], final[at])
 
@@ -195,9 +190,3 @@ def _sizes(label: Ints, copies: Ints) -> Ints:
     """Count the points of each component, of places with so many points each."""
     sizes: Ints = np.bincount(label, copies).astype(np.int64)
     return sizes
-
-
-def _split(label: Ints) -> list[Ints]:
-    """List the members of each component."""
-    order = np.argsort(label, kind='stable')
-    return np.split(order, np.cumsum(np.bincount(label))[:-1])

@@ -37,6 +37,7 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_places
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors import lof
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.core.neighbours.places import find_places
     >>> from lidar_outlier_filter.core.detectors.builtin import Lof
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
@@ -168,14 +170,17 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
     stacked = np.flatnonzero(square == 0)
     if len(stacked) == 0:
         return stacked, stacked
-    place, first = _places(neighbourhood)
+    xyz, order = neighbourhood.xyz, neighbourhood.order
+    position = np.argsort(order)
+    places = find_places(xyz[position])
+    first, place = position[places.first], places.of[order[stacked]]
     most = min(k, len(first) - 1)
     if most > 0:
-        places = Neighbourhood(neighbourhood.xyz[first], most, neighbourhood.threads)
+        alone = Neighbourhood(xyz[first], most, neighbourhood.threads)
         distinct = np.empty(len(first))
-        distinct[places.order] = squared_k_distances(places, most)
-        square[stacked] = distinct[place[stacked]]
-    return stacked, first[place[stacked]]
+        distinct[alone.order] = squared_k_distances(alone, most)
+        square[stacked] = distinct[place]
+    return stacked, first[place]
 
 
 def _near(
@@ -203,25 +208,13 @@ def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.
     missing: where a cloud is judged in tiles, or an earlier detector rejected them.
     """
     order = neighbourhood.order
-    position = np.empty(len(order), np.int64)
-    position[order] = np.arange(len(order))
+    position = np.argsort(order)
     threads.run(
         lambda begin, end: _sort_rows(begin, end, first, order, position, more),
         len(first) - 1,
         CHUNK,
         neighbourhood.threads,
     )
-
-
-def _places(neighbourhood: Neighbourhood) -> tuple[Ints, Ints]:
-    """Return the number of the place of each point, and the point given first at each place."""
-    by_place = np.lexsort((neighbourhood.order, *neighbourhood.xyz.T))
-    xyz = neighbourhood.xyz[by_place]
-    new = np.ones(len(xyz), np.bool_)
-    new[1:] = (xyz[1:] != xyz[:-1]).any(axis=1)
-    place = np.empty(len(xyz), np.int64)
-    place[by_place] = np.cumsum(new) - 1
-    return place, by_place[new]
 
 
 @kernel

@@ -74,7 +74,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     neighbourhood : N points
     parameters : see :class:`~.builtin.Sor`
     range_m : (N,) float64, optional
-        Distance of each point from the sensor, metres; ``range_scaled`` needs it.
+        Distance of each point from the sensor, metres, finite; ``range_scaled`` needs it.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Raises
     ------
     FilterError
-        ``range_scaled`` without ranges, or ranges that are not N finite numbers from 0.
+        ``range_scaled`` without ranges.
 
     References
     ----------
@@ -138,7 +138,12 @@ def measure(neighbourhood: Neighbourhood, parameters: Sor) -> Floats:
 def compare(measured: Floats, parameters: Sor, range_m: Floats | None = None) -> Floats:
     """Score all points of a cloud by what :func:`measure` says of each; see :func:`detect`."""
     count = len(measured)
-    scale = _growth(parameters, count, range_m)
+    scale = None
+    if parameters.range_scaled:
+        if range_m is None:
+            must_be = 'given where sor.range_scaled is set'
+            raise FilterError('the ranges of the points', must_be, None)
+        scale = parameters.range_factor * range_m
     if parameters.statistic == 'radius':
         limit = parameters.radius if scale is None else np.maximum(parameters.radius, scale)
         return measured / limit
@@ -151,20 +156,6 @@ def compare(measured: Floats, parameters: Sor, range_m: Floats | None = None) ->
         return _ratio(measured, limit if scale is None else limit * scale)
     distance = np.abs(measured - median(measured.copy(), count))
     return _ratio(distance, parameters.limit if scale is None else parameters.limit * scale)
-
-
-def _growth(parameters: Sor, count: int, range_m: Floats | None) -> Floats | None:
-    """Return range_factor × range of each point; None where limits do not depend on the range."""
-    if not parameters.range_scaled:
-        return None
-    if range_m is None:
-        raise FilterError('the ranges of the points', 'given where sor.range_scaled is set', None)
-    if range_m.shape != (count,):
-        raise FilterError('the ranges of the points', f'{count} numbers', range_m.shape)
-    wrong = ~((range_m >= 0) & (range_m < np.inf))
-    if wrong.any():
-        raise FilterError('the range of a point', 'finite and at least 0 m', range_m[wrong][0])
-    return parameters.range_factor * range_m
 
 
 def _radius(neighbourhood: Neighbourhood, least: int) -> Floats:

@@ -16,6 +16,7 @@ from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, so
 from lidar_outlier_filter.core.detectors.builtin import Elevation, Hierarchical, Lof, Quadric, Sor
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +33,7 @@ LISTS: dict[str, Lof | Sor] = {  # those that score by lists of neighbours
     'radius': Sor(min_neighbors=12, statistic='radius', radius=2.0),
     'range': Sor(k=12, range_scaled=True),
 }
-DETECTORS = (*LISTS, 'elevation', 'hierarchical')
+DETECTORS = (*LISTS, 'elevation', 'ground', 'hierarchical')
 SURFACES = (  # slow: the kernels compile for a minute
     pytest.param('section', marks=pytest.mark.slow),
     pytest.param('patch', marks=pytest.mark.slow),
@@ -43,6 +44,8 @@ def detect(name: str, xyz: Floats, threads: int = 0, longer: int = 0) -> Floats:
     """Score a cloud by a detector, by neighbour lists that are longer than it needs."""
     if name == 'elevation':
         return elevation.detect(xyz, Elevation(), threads)
+    if name == 'ground':
+        return elevation.detect(xyz, Elevation(against='ground', cell=2.0), threads)
     if name == 'hierarchical':
         return hierarchical.detect(xyz, Hierarchical(0.99, 0.95, 5), threads).score
     if name not in LISTS:
@@ -124,6 +127,16 @@ def test_rigid_motion(cloud: Cloud, name: str) -> None:
     xyz = cloud(rng)
     moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
     assert_allclose(detect(name, moved), detect(name, xyz), rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -1e160])
+@pytest.mark.parametrize('name', ['elevation', 'hierarchical', 'ground', 'lof'])
+def test_impossible_coordinates_are_refused(name: str, wrong: float) -> None:
+    """Their squares are no numbers."""
+    xyz = scattered(np.random.default_rng(6))
+    xyz[17, 1] = wrong
+    with pytest.raises(FilterError, match='coordinates must be finite and at most'):
+        detect(name, xyz)
 
 
 @pytest.mark.parametrize('name', LISTS)

@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric.fits import empty_window
+from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_steps import height
@@ -55,7 +56,7 @@ def rules(parameters: Quadric) -> naive.Rules:
     return naive.Rules(
         parameters.significance,
         parameters.sigma_floor,
-        quadric.MIN_POINTS,
+        MIN_POINTS,
         1 if parameters.model == 'always' else parameters.surfaces,
         parameters.model == 'always',
     )

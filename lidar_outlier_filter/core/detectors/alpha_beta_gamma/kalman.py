@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     X,
 )
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,11 +43,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 
 COORDINATES = 3
-
-
-def check_installed() -> None:
-    """Refuse the engine where filterpy cannot be imported (ParameterError)."""
-    _filterpy()
 
 
 def residuals(series: Series, which: NDArray[np.int64], parameters: AlphaBetaGamma) -> Floats:
@@ -60,7 +55,7 @@ def residuals(series: Series, which: NDArray[np.int64], parameters: AlphaBetaGam
         the window is not usable, or (``sides: both``, the one-sided ones) not asked for.
 
     """
-    check_installed()
+    _filterpy()  # refused first, whatever the windows
     result = np.full((3, COORDINATES, len(which)), np.nan)
     t_all, xyz = series.row(T), series.row(slice(X, X + 3))
     variance = 1 / series.row(WEIGHT)
@@ -113,7 +108,8 @@ def predict(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats,
 
     Parameters
     ----------
-    t : (n,) float64, seconds relative to the tested point, in any order; ties are allowed.
+    t : (n,) float64, seconds relative to the tested point, in any order, with ties; at least
+        ``order + 1`` different times.
     z : (n, 3) float64, metres. The nearer to zero, the fewer digits are lost.
     variance : (n,) float64, of each coordinate of each point, m² (or any common unit).
     order : 2 for position, velocity, acceleration; 1 for position, velocity.
@@ -123,14 +119,7 @@ def predict(t: Floats, z: Floats, variance: Floats, order: int) -> tuple[Floats,
     z_p : (3,) float64, metres.
     q : variance of each coordinate of z_p, in the unit of ``variance``: equation (16) without its
         first term, the tested point's own variance.
-
-    Raises
-    ------
-    FilterError when fewer than ``order + 1`` different times leave the state open.
     """
-    different = len(np.unique(t))
-    if different <= order:
-        raise FilterError('window', f'of {order + 1} or more different times', different)
     sort = np.argsort(t, kind='stable')
     # In units of the window's half-width every state weighs alike; otherwise seconds of 1e-6 to
     # the power of four spoil the digits of the covariance. The position has no unit of time.

@@ -144,7 +144,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """
     sigma2, scratch = window.sigma2, window.scratch
     weigh(window, n)
-    count = np.count_nonzero(window.kept[:n])
+    count = int(np.count_nonzero(window.kept[:n]))
     half = (count + 1) // 2
     _rank_squares(window, n, half - 1)
     before_half = _sum(scratch, half)
