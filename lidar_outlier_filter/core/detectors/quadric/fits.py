@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes away
 # Numba takes elements of a tuple of constants as constants, and compiles what they are given to for
