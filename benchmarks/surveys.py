@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import laspy
 import numpy as np
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_lab.results.markdown import paragraphs, table, write
 from lidar_outlier_lab.results.peers import distances
@@ -28,12 +29,14 @@ from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from lidar_outlier_filter.core.annotations import Bools, Floats
+    from lidar_outlier_filter.evaluation.confusion import Confusion
     from lidar_outlier_lab.results.samples import Sample
 
     Cloud = tuple[str, Floats, Bools]  # name, positions, which points are outliers
+    Figures = dict[str, dict[str, list[Confusion]]]
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'
 COMMAND = 'benchmarks/surveys.py --write'
@@ -56,7 +59,7 @@ CHAINS: dict[str, dict[str, Any]] = {
         'elevation.against': 'ground',
     },
 }
-BOTH = {'default': CHAINS['the default'], '`sor`': CHAINS['`sor`']}
+BOTH = ('default', 'sor')
 OURS = ('lof', 'sor', 'hierarchical', 'elevation')
 SIGMAS = {  # neighbours and standard deviations of statistical filters
     'PDAL, statistical': (8, 2.0),
@@ -68,15 +71,6 @@ MIN_K, RADIUS_M = 2, 1.0  # of PDAL's radius filter
 CELL_M, DROP_M = 10.0, 1.0  # of PDAL's filters.elm
 FEW_IVF, SIDE_IVF_M = 6, 5.0  # of lidR
 PEERS = ('default', *OURS, *SIGMAS, 'PDAL, radius', 'PDAL, elm', 'lidR, ivf')
-
-
-class Counts(NamedTuple):
-    """Of one cloud: points found, rejected, bad and good."""
-
-    found: int
-    rejected: int
-    bad: int
-    good: int
 
 
 def read(path: Path) -> Floats:
@@ -124,20 +118,26 @@ def of_chains(data: Path) -> str:
     return table(['chain', *(f'`{one[0]}`' for one in clouds)], rows)
 
 
+def compare(clouds: Iterable[Cloud], peers: Sequence[str]) -> Figures:
+    """Count what filters find and lose, by cloud and filter: a count for each seed."""
+    figures: Figures = {}
+    for name, xyz, bad in clouds:
+        for peer in peers:
+            counts = confusion(bad, by_peer(peer, xyz))
+            figures.setdefault(name, {}).setdefault(peer, []).append(counts)
+        print(name, flush=True)
+    return figures
+
+
 def of_default(data: Path) -> str:
     """Compare the default with SOR on more clouds."""
-    figures: dict[str, dict[str, list[Counts]]] = {}
-    for name, xyz, bad in (*made(PRESETS, SEEDS), *real_clouds(data)):
-        for judge, values in BOTH.items():
-            rejected = detect_outliers(xyz, parameters=values).outlier
-            figures.setdefault(name, {}).setdefault(judge, []).append(counted(rejected, bad))
-        print(name, flush=True)
-    head = ['cloud', *(f'{what}, {name}' for what in ('F1', 'found', 'lost') for name in BOTH)]
+    figures = compare((*made(PRESETS, SEEDS), *real_clouds(data)), BOTH)
+    head = [f'{what}, {name}' for what in ('F1', 'found', 'lost') for name in ('default', '`sor`')]
     rows = [
-        [f'`{name}`', *(say([*one.values()][k]) for say in (f1, recall, lost) for k in range(2))]
+        [f'`{name}`', *(say(one[peer]) for say in (f1, recall, lost) for peer in BOTH)]
         for name, one in figures.items()
     ]
-    return table(head, rows)
+    return table(['cloud', *head], rows)
 
 
 def real_clouds(data: Path) -> Iterator[Cloud]:
@@ -152,43 +152,32 @@ def real_clouds(data: Path) -> Iterator[Cloud]:
         yield path.name.partition('.')[0], xyz[there], bad[there]
 
 
-def counted(rejected: Bools, bad: Bools) -> Counts:
-    """Count what is found and lost."""
-    sums = (rejected & bad, rejected, bad, ~bad)
-    return Counts(*(int(np.count_nonzero(one)) for one in sums))
-
-
-def f1(some: Sequence[Counts]) -> str:
+def f1(some: Sequence[Confusion]) -> str:
     """Write the mean over seeds, the minimum and the maximum."""
-    if not some[0].bad:
+    if not some[0].outliers:
         return ''
-    values = [2 * one.found / (one.rejected + one.bad) for one in some]
-    mean = f'{np.mean(values):.2f}'
-    return mean if len(some) == 1 else f'{mean} ({min(values):.2f} to {max(values):.2f})'
+    values = np.nan_to_num([one.f1 for one in some])
+    mean = f'{values.mean():.2f}'
+    return mean if len(some) == 1 else f'{mean} ({values.min():.2f} to {values.max():.2f})'
 
 
-def recall(some: Sequence[Counts]) -> str:
+def recall(some: Sequence[Confusion]) -> str:
     """Write how many outliers are found, of all seeds."""
-    bad = sum(one.bad for one in some)
-    return f'{sum(one.found for one in some)} of {bad}' if bad else ''
+    whole = sum(some[1:], some[0])
+    return f'{whole.found} of {whole.outliers}' if whole.outliers else ''
 
 
-def lost(some: Sequence[Counts]) -> str:
+def lost(some: Sequence[Confusion]) -> str:
     """Write the share of the good points that is lost, of all seeds."""
-    share = sum(one.rejected - one.found for one in some) / sum(one.good for one in some)
-    return f'{100 * share:.2g} %' if share else 'none'
+    whole = sum(some[1:], some[0])
+    return f'{100 * whole.false_rejections.ratio:.2g} %' if whole.lost else 'none'
 
 
 def of_peers(data: Path) -> str:
     """Compare ours with the filters of other programs."""
-    figures: dict[str, dict[str, list[Counts]]] = {}
     found = ((path.name, labelled(path)) for path in sorted((data / 'clouds').glob('*.laz')))
     known = ((name, positions(one), one.data.bad) for name, one in found if one is not None)
-    for name, xyz, bad in (*made(PRESETS, PEER_SEEDS), *known):
-        for peer in PEERS:
-            counts = counted(by_peer(peer, xyz), bad)
-            figures.setdefault(name, {}).setdefault(peer, []).append(counts)
-        print(name, flush=True)
+    figures = compare((*made(PRESETS, PEER_SEEDS), *known), PEERS)
     rows = [[f'`{name}`', *map(both_shares, one.values())] for name, one in figures.items()]
     return paragraphs(
         f'Simulated clouds are of the seeds {", ".join(map(str, PEER_SEEDS))}. Percent of the '
@@ -197,11 +186,9 @@ def of_peers(data: Path) -> str:
     )
 
 
-def both_shares(some: Sequence[Counts]) -> str:
+def both_shares(some: Sequence[Confusion]) -> str:
     """Write what is found and lost in percent, means over seeds, to two significant digits."""
-    shares = [
-        (one.found / max(one.bad, 1), (one.rejected - one.found) / max(one.good, 1)) for one in some
-    ]
+    shares = [(one.recall.ratio, one.false_rejections.ratio) for one in some]
     return ' / '.join(
         np.format_float_positional(100 * share, 2, unique=False, fractional=False, trim='-')
         for share in np.mean(shares, axis=0).tolist()
