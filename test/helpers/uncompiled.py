@@ -48,7 +48,7 @@ if __name__ == '__main__':  # who collects tests imports this file, too
 
 import numpy as np  # noqa: E402  nothing may have asked for a kernel before
 
-from helpers import neighbour_clouds, profile_drives, sweeps  # noqa: E402
+from helpers import neighbour_clouds, scans  # noqa: E402
 from lidar_outlier_filter import core  # noqa: E402
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput  # noqa: E402
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations  # noqa: E402
@@ -77,10 +77,10 @@ def clouds() -> Iterator[Points]:
             xyz = make(np.random.default_rng(size))[:size]
             t = np.arange(size) * 1000
             yield Points(xyz, t, np.arange(size) // 20, np.ones(size, np.bool_))
-    yield sweeps.sweep(1, 0.1, columns=40)
-    yield sweeps.sweep(2, 0.3, 1.4, columns=24, staggered=True)
-    yield profile_drives.Drive(1, 0.1, 3, 40).points
-    yield profile_drives.Drive(2, 0.5, 4, 30).points
+    yield scans.sweep(1, 0.1, columns=40)
+    yield scans.sweep(2, 0.3, 1.4, columns=24, staggered=True)
+    yield scans.Drive(1, 0.1, 3, 40).points
+    yield scans.Drive(2, 0.5, 4, 30).points
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.profile_scanner import SHOTS, SOR, Drive, Moving, rejected, seconds
-from helpers.sweeps import sweep
+from helpers.scans import sweep
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.messages.cloud import structured

@@ -194,7 +194,7 @@ import sys
 import numpy as np
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from helpers.roads import arm, road, sweep
+from helpers.scans import Drive, sweep
 
 
 def compiled():
@@ -208,7 +208,7 @@ chain.compile()
 assert chain.passes == 0
 before = compiled()
 assert sum(count > 0 for count in before.values()) > 10
-for points, _ in (road(1, strays=0.1), sweep(1, 16, 300), arm(3)):
+for points in (Drive(1, strays=0.1).points, sweep(1, 0.1, columns=300), Drive(3, 0.2).points):
     mixed = points.take(np.random.default_rng(1).permutation(len(points)))
     for cloud in (points, mixed, points.take(slice(0, 400)), points.take(slice(0, 20))):
         chain.judge(cloud)

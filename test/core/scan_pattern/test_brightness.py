@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.clouds import cloud, table
-from helpers.sweeps import measured, pattern_of, sweep
+from helpers.scans import measured, pattern_of, sweep
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW

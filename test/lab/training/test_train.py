@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers.sweeps import sweep
+from helpers.scans import sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.profile_drives import Drive
-from helpers.roads import road
-from helpers.sweeps import sweep
+from helpers.scans import Drive, road, sweep
 
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
 from lidar_outlier_filter.core.engine.chain import Chain

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.profile_drives import PERIOD, SPEED, Drive, pattern_of, points_of, prepared
-from helpers.sweeps import TURN_NS, sweep
+from helpers.scans import (
+    PERIOD,
+    SPEED,
+    TURN_NS,
+    Drive,
+    points_of,
+    prepared,
+    profile_pattern_of,
+    sweep,
+)
 from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
@@ -59,7 +67,7 @@ def test_scanner_is_found(lost: float, moved: tuple[float, float, float]) -> Non
     """Ranges and mirror angles are those that were measured, wherever the points are."""
     drive = Drive(1, lost)
     points = points_of(drive.points.xyz + moved, drive.points.t, drive.points.line)
-    pattern = pattern_of(points)
+    pattern = profile_pattern_of(points)
     there = pattern.order >= 0
     order = pattern.order[there]
     assert_array_equal(order, np.arange(len(points)))
@@ -80,7 +88,7 @@ def test_scanner_in_its_own_frame() -> None:
     beam = np.stack([np.sin(drive.angle), np.zeros(len(drive.angle)), np.cos(drive.angle)], axis=1)
     beam += 1e-4 * rng.standard_normal(beam.shape)
     points = points_of(drive.far[:, None] * beam, drive.points.t, drive.points.line)
-    pattern = pattern_of(points)
+    pattern = profile_pattern_of(points)
     there = pattern.order >= 0
     assert_allclose(pattern.range[there], drive.far[pattern.order[there]], atol=0.02)
 
@@ -109,7 +117,7 @@ def test_lines_without_returns() -> None:
     drive = Drive(4, 0.1, lines=16)
     line, place = drive.points.line, np.arange(len(drive.points)) % 7
     left = (line != 5) & (line != 6) & ((line != 9) | (place == 0))
-    pattern = pattern_of(drive.points.take(left))
+    pattern = profile_pattern_of(drive.points.take(left))
     there = pattern.order >= 0
     order = np.flatnonzero(left)[pattern.order[there]]
     assert_allclose(pattern.range[there], drive.far[order], atol=0.1)
@@ -152,7 +160,7 @@ def test_a_spinning_sensor_is_no_profile_scanner(elevations: Sequence[float], st
 @pytest.mark.parametrize(('lost', 'lines'), [(0.0, 6), (0.3, 8), (0.6, 8)])
 def test_window_as_loops(lost: float, lines: int) -> None:
     """The features that spinning sensors have, too, and those of pairs, are those of loops."""
-    pattern = pattern_of(Drive(6, lost, lines, 60 if lost == 0.0 else 100).points)
+    pattern = profile_pattern_of(Drive(6, lost, lines, 60 if lost == 0.0 else 100).points)
     found = prepared(pattern)
     names, values = [*WINDOW, *PROFILE], measure(found)
     rings = lines_of(pattern)
@@ -185,7 +193,7 @@ def test_groups_as_loops(lost: float, reach: float) -> None:
         (6, 5, 1),
     ):
         far[(np.abs(drive.line - line) < 2) & (np.abs(drive.angle - angle) < 0.06)] *= part
-    pattern = pattern_of(drive.measured(far))
+    pattern = profile_pattern_of(drive.measured(far))
     near = prepare(pattern).near
     segments = profile_groups.find_segments(pattern, reach)
     group = profile_groups.join(pattern, near, reach, segments)
@@ -208,7 +216,7 @@ def test_group_of_an_arm() -> None:
     far = np.where(tube, 0.5 * drive.far + 0.05 * (drive.line - 6), drive.far)
     points = drive.measured(far)
     xyz = points.xyz
-    pattern = pattern_of(points)
+    pattern = profile_pattern_of(points)
     there = pattern.order >= 0
     found = np.empty((len(GROUPS), len(points)))
     found[:, pattern.order[there]] = find_groups(pattern, prepare(pattern).near)[:, there]
@@ -234,7 +242,7 @@ def test_the_wide_group_is_described() -> None:
     drive = Drive(8, lines=12, shots=400, strays=0.0)
     tube = np.abs(drive.angle - 1.9) < 0.12
     near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.45 * (drive.line >= 6)
-    pattern = pattern_of(drive.measured(np.where(tube, near, drive.far)))
+    pattern = profile_pattern_of(drive.measured(np.where(tube, near, drive.far)))
     there = pattern.order >= 0
     of_tube = tube[pattern.order[there]]
     beside, found = prepare(pattern).near, {}
@@ -252,7 +260,7 @@ def test_the_wide_group_is_described() -> None:
 def test_order_and_threads_do_not_matter(threads: int) -> None:
     """Points in any order get the same scores, bit for bit, whatever the number of threads."""
     points = Drive(9, 0.2).points
-    score = judge(pattern_of(points), 1.0, threads=1, profile=True)
+    score = judge(profile_pattern_of(points), 1.0, threads=1, profile=True)
     order = np.random.default_rng(3).permutation(len(points))
     pattern = find_profile_pattern(points.take(order), threads)
     assert pattern is not None
@@ -264,7 +272,7 @@ def test_order_and_threads_do_not_matter(threads: int) -> None:
 def test_strays_are_found() -> None:
     """The default's model rejects most of what hangs in a passage, and nearly none of its walls."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
-    rejected = judge(pattern_of(drive.points), 1.0, profile=True) > 1
+    rejected = judge(profile_pattern_of(drive.points), 1.0, profile=True) > 1
     assert rejected[drive.stray].mean() > 0.8
     assert rejected[~drive.stray].mean() < 0.0005
 
@@ -274,7 +282,7 @@ def test_few_lines_are_enough(lines: int) -> None:
     """Two lines show how fast the mirror turns: the trees find what does not belong."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
     few = drive.points.line < lines
-    rejected = judge(pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
+    rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
     assert rejected[drive.stray[few]].mean() > 0.8
     assert rejected[~drive.stray[few]].mean() < 0.002
 
@@ -282,7 +290,7 @@ def test_few_lines_are_enough(lines: int) -> None:
 def test_sensor_decides_the_way() -> None:
     """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
     points = Drive(11, 0.1).points
-    wanted = judge(pattern_of(points), 2.0, profile=True).astype(np.float32)
+    wanted = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
         values = {
             'chain': ['boosted_trees'],

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.profile_drives import Drive
-from helpers.sweeps import pattern_of, sweep
+from helpers.scans import Drive, pattern_of, sweep
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey

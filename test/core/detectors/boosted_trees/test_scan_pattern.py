@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from helpers.sweeps import RATE, TURN_NS, measured, pattern_of, sweep
+from helpers.scans import RATE, TURN_NS, measured, pattern_of, sweep
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
