@@ -66,23 +66,17 @@ def test_refused(tmp_path: Path) -> None:
     assert names(tmp_path) == ['there']
 
 
-def refuse_in_one_step(_built: Path, _path: Path) -> bool:
-    """Say that the system has no rename that refuses, as on NFS."""
-    return False
-
-
 @pytest.fixture(params=['one step', 'two steps', 'two steps without links'])
 def renames(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Publish in each way that file systems have: all of them are used on this one."""
-    if request.param != 'one step':
-        monkeypatch.setattr(new_files_module, '_rename_in_one_step', refuse_in_one_step)
+
+    def no_links(_built: Path, _path: Path) -> None:
+        raise PermissionError  # as FAT does
+
+    if request.param != 'one step':  # as on NFS
+        monkeypatch.setattr(new_files_module, '_rename_in_one_step', lambda _built, _path: False)
     if request.param.endswith('links'):
         monkeypatch.setattr(os, 'link', no_links)
-
-
-def no_links(_built: Path, _path: Path) -> None:
-    """Refuse a second name, as FAT does."""
-    raise PermissionError
 
 
 def test_a_worker_that_still_writes_leaves_nothing(

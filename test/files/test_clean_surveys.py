@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import laspy
 import numpy as np
@@ -27,28 +27,29 @@ if TYPE_CHECKING:
 BIRD, LOW = 40, 41
 
 
-def write_las(path: Path, strips: int = 1) -> Path:
-    """Write a floor of class 2 with a bird and a low point of class 1, in strips one by one."""
-    rng = np.random.default_rng(1)
-    xyz = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.02), (1500, 3))
-    xyz[BIRD, 2], xyz[LOW, 2] = 30.0, -30.0
-    header = laspy.LasHeader(point_format=6, version='1.4')
-    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
-    cloud = laspy.LasData(header)
+def write_las(path: Path, xyz: Any, classes: Any, strips: int = 1) -> Path:
+    """Write points in strips one by one."""
+    cloud = laspy.LasData(laspy.LasHeader(point_format=6, version='1.4'))
+    cloud.header.scales, cloud.header.offsets = [0.001] * 3, [0.0] * 3
     cloud.x, cloud.y, cloud.z = xyz.T
-    classes = np.full(len(xyz), 2, np.uint8)
-    classes[[BIRD, LOW]] = 1
     cloud.classification = classes
     cloud.point_source_id = np.arange(len(xyz)) % strips
     cloud.write(path)
     return path
 
 
+def floor() -> tuple[Any, Any]:
+    """Make a floor of class 2 with a bird and a low point of class 1."""
+    xyz = np.random.default_rng(1).uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.02), (1500, 3))
+    xyz[BIRD, 2], xyz[LOW, 2] = 30.0, -30.0
+    return xyz, np.where(np.isin(np.arange(1500), [BIRD, LOW]), 1, 2).astype(np.uint8)
+
+
 @pytest.fixture
 def cloud(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Write a cloud, and widen the terminal."""
     monkeypatch.setenv('COLUMNS', '200')
-    return write_las(tmp_path / 'a.las')
+    return write_las(tmp_path / 'a.las', *floor())
 
 
 @pytest.mark.parametrize(
@@ -77,21 +78,14 @@ def test_marks_and_classes(
 
 def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
     """A mask rejects no point of a class that stays as it is, and each point is counted once."""
-    header = laspy.LasHeader(point_format=6, version='1.4')
-    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
-    data = laspy.LasData(header)
     xyz = np.random.default_rng(1).uniform((5.0, -1.0, 0.0), (9.0, 1.0, 0.1), (200, 3))
     xyz[:3], xyz[3] = [2.0, 0.1, 0.0], 0.0
-    data.x, data.y, data.z = xyz.T
-    data.scanner_channel = np.zeros(200, np.uint8)
-    data.classification = np.full(200, 2, np.uint8)
-    data.classification[:4] = [5, 6, 2, 5]
-    path, mask = tmp_path / 'a.las', tmp_path / 'car.csv'
-    data.write(path)
+    classes = np.full(200, 2, np.uint8)
+    classes[:4] = [5, 6, 2, 5]
+    path, mask = write_las(tmp_path / 'a.las', xyz, classes), tmp_path / 'car.csv'
     mask.write_text(f'{HEAD}\n{NAMES}\n' + ''.join(f'0,{i},1.8,2.2\n' for i in range(20)))
     settings = {'chain': ['sor'], 'mask': str(mask), 'line_field': 'scanner_channel'}
-    parameters = FilterParameters().changed(settings)
-    output = tmp_path / 'out.las'
+    parameters, output = FilterParameters().changed(settings), tmp_path / 'out.las'
     report = clean_file(path, output, parameters, CleanOptions(ignore=(5,), keep=(6,)))
     assert laspy.read(output).classification[:4].tolist() == [5, 6, 7, 5]
     assert report.rejected_by['mask'] == 1
@@ -108,27 +102,20 @@ def test_scores(cloud: Path) -> None:
     assert main(['evaluate', str(output), '--labels', str(cloud), '--codes', '1']) == 0
 
 
-def test_known_noise_is_not_seen(cloud: Path) -> None:
+def test_known_noise_is_not_seen(tmp_path: Path) -> None:
     """It keeps its class, and hides no outlier beside it: others are judged as if it were away."""
-    data = laspy.read(cloud)
-    away = data.xyz.copy()
+    away, _ = floor()
     away[BIRD] = 10.1, 10.1, 30.1
     beside = np.array([10.0, 10.0, 30.0]) + np.random.default_rng(2).random((60, 3)) / 5
-    for name, xyz, options in (
-        ('plain', np.concatenate((away, beside)), []),
-        ('known', np.concatenate((away, beside)), ['--ignore-classes', '7,18']),
-        ('away', away, []),
-    ):
-        made = laspy.LasData(laspy.LasHeader(point_format=6, version='1.4'))
-        made.header.scales, made.header.offsets = data.header.scales, data.header.offsets
-        made.x, made.y, made.z = xyz.T
-        made.classification = np.where(np.arange(len(xyz)) < 1500, 2, 18).astype(np.uint8)
-        made.write(cloud.with_name(f'{name}.las'))
-        assert main(['clean', str(cloud.with_name(f'{name}.las')), '--chain', 'sor', *options]) == 0
-    plain, known, alone = (
-        np.array(laspy.read(cloud.with_name(f'{name}_cleaned.las')).classification)
-        for name in ('plain', 'known', 'away')
-    )
+    every = np.concatenate((away, beside))
+    found: list[Any] = []
+    for xyz, options in ((every, []), (every, ['--ignore-classes', '7,18']), (away, [])):
+        path = tmp_path / f'{len(found)}.las'
+        write_las(path, xyz, np.where(np.arange(len(xyz)) < 1500, 2, 18).astype(np.uint8))
+        assert main(['clean', str(path), '--chain', 'sor', *options]) == 0
+        after = laspy.read(path.with_name(f'{path.stem}_cleaned.las'))
+        found.append(np.array(after.classification))
+    plain, known, alone = found
     assert (plain[BIRD], known[BIRD]) == (2, 7)
     assert (known[1500:] == 18).all()
     assert (alone == known[:1500]).all()
@@ -168,7 +155,7 @@ def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
 
 def test_strips_are_judged_alone(tmp_path: Path) -> None:
     """A bird that two strips see is alone in each of them; points of others do not count."""
-    path = write_las(tmp_path / 'b.las', strips=2)
+    path = write_las(tmp_path / 'b.las', *floor(), strips=2)
     assert main(['clean', str(path), '--strips']) == 0
     assert (laspy.read(tmp_path / 'b_cleaned.las').classification == 7).sum() == 2
 

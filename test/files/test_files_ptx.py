@@ -112,6 +112,10 @@ def test_no_columns_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     [
         ('3\n2\n', '3.0\n2\n', 'the columns of scan 1 of .* must be a whole number'),
         ('3\n2\n', '3\n3\n', 'the columns of scan 2 of'),
+        *(
+            ('3\n2\n', f'{c}\n{r}\n', 'of scan 1 of')
+            for c, r in ((1, 10**17), (10**9, 10**9), (-2, -3))
+        ),
         ('3\n2\n', '1\n2\n', 'the columns of scan 2 of .* must be a whole number'),
         ('1\r\n3\r\n', '1\r\n2\r\n', 'the columns of scan 3 of'),
         ('1\r\n3\r\n', '2\r\n2\r\n', 'must be of 4 points, as it says, got 3'),

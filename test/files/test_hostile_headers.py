@@ -148,23 +148,6 @@ def test_what_laz_says(
         refused(patch(path, places[part] + offset, data))
 
 
-POSE = '0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
-
-
-@pytest.mark.parametrize('shape', [(1, 1), (1, 10**17), (10**9, 10**9), (-2, -150)])
-def test_shape_of_a_ptx_scan(tmp_path: Path, shape: tuple[int, int]) -> None:
-    """A grid of more or fewer lines than there are is refused, behind another scan, too."""
-    lines = '1.5 2.5 3.5 0.5\n' * COUNT
-    good = f'30\n10\n{POSE}{lines}'
-    bad = '{}\n{}\n'.format(*shape) + POSE + lines
-    path = tmp_path / 'cloud.ptx'
-    for text, number in ((bad, 1), (good + bad, 2)):
-        path.write_text(text)
-        refused(path, f'of scan {number + (shape == (1, 1))} of')
-    path.write_text(good + good)
-    assert len(columns(path)[0]) == 2 * COUNT
-
-
 @pytest.mark.parametrize(
     ('packed', 'size', 'sentence'),
     [
