@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command ``clean``. It imports what is heavy when it runs, so that help is instant."""
 
-# ruff: noqa: PLC0415  as said above
+# ruff: noqa: PLC0415  see above
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_marks(parser: argparse.ArgumentParser) -> None:
-    """Add the options on what becomes of rejected points, and which points may be."""
+    """Add the options on how rejected points are marked, and which points may be rejected."""
     add = parser.add_argument
     add(
         '--rejected',
@@ -191,12 +191,12 @@ def _clean_many(
     folder: Path | None,
     look: _LookForWorst,
 ) -> int:
-    """Clean several files, those of folders too."""
+    """Clean several files, also those of folders."""
     from lidar_outlier_filter.archive.jobs import clean_job
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
-    job = clean_job(parameters, _wanted(options), look)
+    job = clean_job(parameters, _clean_options(options), look)
     made: dict[Task, Made] = {}
 
     def keep(task: Task, result: Result) -> None:
@@ -208,7 +208,7 @@ def _clean_many(
     return tables.status(records)
 
 
-def _wanted(options: argparse.Namespace) -> CleanOptions:
+def _clean_options(options: argparse.Namespace) -> CleanOptions:
     from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions
 
     return CleanOptions(
@@ -248,7 +248,7 @@ def _clean_one(
             path,
             output,
             FilterParameters().changed(parameters),
-            _wanted(options),
+            _clean_options(options),
             outliers=options.outliers or next(iter(others), None),
             progress=_StepBars(path.name, leave_if_asked, bars),
             slow=lambda slow: say(f'{path}: {slow}'),
@@ -359,7 +359,7 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: 
 
     outputs = _outputs(path, options, folder, source)
     folder = outputs[0].parent if folder is None else folder
-    there = path.is_file()  # otherwise who opens it reports the error
+    there = path.is_file()  # otherwise the error is reported when it is opened
     location = location_of(path.absolute()) if there else Location(path.absolute(), 0, '')
     names = tuple(str(one.relative_to(folder)) for one in outputs)
     return Task(location, source, folder.absolute(), names)

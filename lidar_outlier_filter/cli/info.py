@@ -67,10 +67,10 @@ def _info(options: argparse.Namespace) -> int:
     if isinstance(path, Path) and not path.is_dir() and path.suffix.lower() not in SUFFIXES:
         _show_file(path)
         return DONE
-    from lidar_outlier_filter.recordings.info import look
+    from lidar_outlier_filter.recordings.info import describe_recording
 
     with staged(location_of(path)) as readable, stoppable_bar(path.name) as progress:
-        info = look(readable, options.sample, progress)
+        info = describe_recording(readable, options.sample, progress)
     _show(info)
     say_unread(info.unread)
     return INCOMPLETE if info.unread else DONE

@@ -34,8 +34,8 @@ _NAMES = (
 CLASSES = dict(enumerate(_NAMES.split(', ')))
 # By a rule in metres.
 LOW_POINTS = 'to find more, try --chain boosted_trees,elevation --set elevation.against=ground'
-MUCH = 0.005  # share of the points that rarely are outliers
-MOST_GROUPS = 10  # that are listed
+NOTABLE_SHARE = 0.005  # share of the points that rarely are outliers
+MAX_GROUPS = 10  # that are listed
 
 
 def show_replayed(
@@ -77,7 +77,7 @@ def _states() -> tuple[str, str, str]:
 
 
 def say_lacks(task: Task, record: ArchiveRecord) -> None:
-    """Say what an output lacks, or why there is none."""
+    """Report the losses of an output, or why it is missing."""
     path = task.location.path
     if record.state == _states()[1]:
         say(record.error or 'no reason is known')
@@ -160,7 +160,7 @@ def show_cleaned(
     job: Job,
     made: Mapping[Task, Made],
 ) -> None:
-    """Print what became of each file of many, the tables, and what was written."""
+    """Print the results of many files: sentences, tables, and the outputs."""
     reports, worst = {}, {}
     for task, record in zip(tasks, records, strict=True):
         one = made.get(task)
@@ -178,7 +178,7 @@ def show_cleaned(
 
 
 def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: float) -> None:
-    """Print what became of a single file, the tables, and what was written."""
+    """Print the results of a single file: sentences, tables, and the outputs."""
     rare = ('invalid', 'ignored', 'untested', 'spared')
     counts = {name: getattr(report, name) for name in rare if getattr(report, name)}
     by = report.rejected_by if len(report.rejected_by) > 1 else {}
@@ -195,7 +195,7 @@ def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: flo
 def _show(
     found: Mapping[Path, CleanReport], worst: Mapping[Path, Worst], table: Table | None
 ) -> None:
-    """Print sentences on each file, the table of all, other tables, and what was written."""
+    """Print sentences on each file, the table of all, further tables, and the outputs."""
     for path, report in found.items():
         _say_how(path, report)
     reports = list(found.values())
@@ -211,7 +211,7 @@ def _show(
 
 
 def _say_how(path: Path, report: CleanReport) -> None:
-    """Say in which way a file is not judged as it is."""
+    """Report units, scan lines and other circumstances of how a file was judged."""
     if report.metres:
         sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
         crs = f'; its coordinate system is {report.crs}' if report.crs else ''
@@ -227,7 +227,7 @@ def _say_how(path: Path, report: CleanReport) -> None:
         say(f'{path}: {" and ".join(report.chain)} could test none of its points')
     if report.left_low:
         say(f'{path}: kept points that look like low points: {report.left_low:,}; {LOW_POINTS}')
-    if report.rejected > MUCH * report.points:
+    if report.rejected > NOTABLE_SHARE * report.points:
         say(f'{path}: {report.rejected / report.points:.1%} of its points are rejected')
 
 
@@ -247,7 +247,7 @@ def _table_of_classes(reports: Sequence[CleanReport]) -> Table:
 
 
 def _table_of_causes(reports: Sequence[CleanReport], worst: Mapping[Path, Worst]) -> Table:
-    """Make the table of what is rejected, by where it lies, and by groups where they are known."""
+    """Make the table of rejected points by position, and by groups if they are known."""
     if not worst:
         table = numbers('rejected points', 'points')
         for name, attribute in (('below what is kept', 'low'), ('above what is kept', 'high')):
@@ -269,7 +269,7 @@ def _table_of_groups(worst: Mapping[Path, Worst]) -> Table:
     table = numbers('group', 'points', 'x', 'y', 'z', 'across, m', 'height, m')
     found = [(path, group) for path, one in worst.items() for group in one.groups]
     found.sort(key=lambda item: -item[1].count)
-    for number, (path, group) in enumerate(found[:MOST_GROUPS], 1):
+    for number, (path, group) in enumerate(found[:MAX_GROUPS], 1):
         name = f'{number}' if len(worst) == 1 else f'{number} {path.name}'
         position = (f'{value:.1f}' for value in group.middle)
         sizes = (f'{value:.2f}' for value in (group.across, group.height))

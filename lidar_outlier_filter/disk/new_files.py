@@ -106,7 +106,7 @@ def _remove(folder: Path) -> None:
     """Remove a folder into which a worker may still write.
 
     It is renamed first: a worker that writes into it by its name finds it gone. And if this run is
-    killed meanwhile, the next one knows by the name that nobody needs the folder.
+    killed meanwhile, the next one knows by the name that the folder is obsolete.
     """
     gone = folder.with_name(f'{folder.name}{_GONE}')
     with suppress(OSError):
@@ -117,7 +117,7 @@ def _remove(folder: Path) -> None:
 
 @contextmanager
 def writable(path: object, error: type[FilterError] = RecordingError) -> Iterator[None]:
-    """Refuse, in one sentence, what cannot be written: a full disk, a folder without permission."""
+    """Refuse, in one sentence, an output that cannot be written, as on a full disk."""
     try:
         yield
     except OSError as err:
@@ -169,7 +169,7 @@ def new_output(
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Give a path to write a file or a folder at; at the end it takes the place of an older one.
+    """Give a path to write a file or a folder at; at the end it replaces an older one.
 
     Until then, and after an error, the older one stays; see :func:`new_output`.
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Open an SQLite database that nobody writes; find out whether all of it is there."""
+"""Open an SQLite database read-only; find out whether it is complete."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MIN_LIMIT = 2**20  # bytes of a value; SQLite's own words must fit
 
 
 def damage_of(path: Path) -> str:
-    """Say what is wrong with a database; empty: it is complete, or SQLite refuses to open it.
+    """Describe the damage of a database; empty: it is complete, or SQLite refuses to open it.
 
     SQLite reads a file whose last page was cut off as if zeros followed.
     """
@@ -31,7 +31,7 @@ def damage_of(path: Path) -> str:
     try:
         with closing(connect(path)) as database:
             database.text_factory = bytes
-            # A check that is stored in the file is an expression of who wrote it.
+            # A check in the file is an expression by its author.
             database.execute('PRAGMA ignore_check_constraints = ON')
             (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
     except UnicodeDecodeError:  # names of tables in a sentence of SQLite
@@ -42,7 +42,7 @@ def damage_of(path: Path) -> str:
 
 
 def connect(path: Path) -> sqlite3.Connection:
-    """Open a database that nobody writes, so that SQLite puts no file beside it.
+    """Open a database read-only, so that SQLite creates no file beside it.
 
     No value is longer than the file, unless an expression in the file makes it: that is refused.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean one file: read, judge, copy with the verdict, and log what was done."""
+"""Clean one file: read, judge, copy with the verdict, and write the log."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ class CleanReport:
 
     Attributes
     ----------
-    options : what was done, beside the parameters
+    options : options of the run, beside the parameters
     crs, metres : the coordinate system, if the file names one, and metres per unit of coordinates
         in other units
-    lines, lack : how scan lines were found, or what the file lacks to have some
+    lines, lack : how scan lines were found, or why there are none
     rings : number of rings recovered from elevations
     coarse : a warning that float32 coordinates are too far from the origin
     invalid : points that are no returns (NaN, Inf, all 0)
@@ -117,7 +117,7 @@ class CleanReport:
         return self.points == self.untested + self.invalid + self.ignored
 
 
-def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files
+def clean_file(  # noqa: PLR0913  many callbacks
     path: Path,
     output: Path,
     parameters: FilterParameters,
@@ -139,7 +139,7 @@ def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files
     output : new file of the same format (LAS and LAZ are one; PLY for E57); the log is written
         beside it, see :func:`log_of`
     parameters : of the filter
-    options : what to do
+    options : of the run
     outliers : new file for the rejected points, where they are separated
     progress : called with how many of how many points are done, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
@@ -227,7 +227,7 @@ def list_clouds(
 
 
 def _changes(judged: JudgedFile) -> list[Change]:
-    """Say in what each output cloud differs from the file."""
+    """Describe how each output cloud differs from the file."""
     verdict, options, file = judged.verdict, judged.options, judged.file
     scores: dict[str, NDArray[Any]] = {SCORE: verdict.score, DETECTORS: verdict.detectors}
     if judged.parameters.scores:
@@ -243,7 +243,7 @@ def _changes(judged: JudgedFile) -> list[Change]:
 
 
 def _marked(judged: JudgedFile, added: Mapping[str, NDArray[Any]]) -> Change:
-    """Say how the rejected points of a LAS file are marked."""
+    """Describe how the rejected points of a LAS file are marked."""
     rejected = judged.verdict.rejected
     if judged.options.mark == WITHHELD:
         return Change(withheld=rejected, added=added)
@@ -310,7 +310,7 @@ def _versions() -> dict[str, str]:
 
 
 def _allocator(output: Path, tile: float) -> Allocate:
-    """Return what makes large arrays: in memory or, for --tile, in files beside the output.
+    """Return the allocator of large arrays: in memory or, for --tile, in files beside the output.
 
     The files have no name: the disk has room again as soon as an array is no longer used.
     """

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 _BYTES_AT_ONCE = 2**20
-_MOST_DIGITS = 18  # of a number that is less than 2^63
+_MAX_DIGITS = 18  # of a number that is less than 2^63
 
 # Suffix, module, class, and the extra that installs its library.
 FORMATS = {
@@ -121,7 +121,7 @@ class CloudFile(Protocol):
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk: for each name an array (n,), in the order of the names.
 
-        Integers of which some are missing are a masked array; other missing numbers are NaN.
+        Integer columns with missing values are masked arrays; other missing numbers are NaN.
         """
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
@@ -181,10 +181,10 @@ def is_copy_format(path: Path, copy: Path) -> bool:
 def read(
     file: CloudFile, names: Sequence[str], *, exact: bool = False
 ) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk; whatever is wrong with it is said in one sentence.
+    """Read columns of a file chunk by chunk; a damaged file is refused in one sentence.
 
-    Missing numbers are NaN. If ``exact``, integers of which some are missing are a masked array: a
-    float would round large ones.
+    Missing numbers are NaN. If ``exact``, integer columns with missing values are masked
+    arrays: a float would round large ones.
     """
     for name in names:
         if name not in file.columns:
@@ -207,7 +207,7 @@ def filled(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
-    """Write a changed copy; whatever is wrong with the file is said in one sentence.
+    """Write a changed copy; a damaged file is refused in one sentence.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
 
 @contextmanager
 def readable(path: Path, passed: type[Exception] = FilterError) -> Iterator[None]:
-    """Refuse, in one sentence, whatever a damaged file makes its reader raise; not ``passed``."""
+    """Turn any error of a reader but ``passed`` into a refusal in one sentence."""
     try:
         yield
     except (FilterError, passed):
@@ -239,14 +239,14 @@ def readable(path: Path, passed: type[Exception] = FilterError) -> Iterator[None
 
 
 def check_names(path: Path, names: Iterable[str]) -> None:
-    """Refuse columns of which two have one name: neither could be meant."""
+    """Refuse duplicate column names."""
     double = sorted(name for name, count in Counter(names).items() if count > 1)
     if double:
         raise CloudError(f'the columns of {path}', 'of different names', ', '.join(double))
 
 
 def parse_number(text: str) -> float:
-    """Read a number as other programs do, which know no ``1_000`` and no digits but ASCII's.
+    """Parse a number of ASCII digits; ``1_000`` is not one.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def parse_number(text: str) -> float:
 def parse_count(path: Path, what: str, text: str) -> int:
     """Read a whole number of a header, or refuse it."""
     digits = text.removeprefix('-')
-    if not (digits.isascii() and digits.isdigit() and len(digits) <= _MOST_DIGITS):
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= _MAX_DIGITS):
         raise CloudError(f'{what} of {path}', 'a whole number', repr(text[:40]))
     return int(text)
 
@@ -307,6 +307,6 @@ def _is_written(path: Path, begin: int, end: int) -> bool:
 
 
 def check_count(path: Path, said: int, found: int) -> None:
-    """Refuse a file that has more or fewer points than it says."""
+    """Refuse a file with more or fewer points than its header says."""
     if found != said:
         raise CloudError(f'the file {path}', f'of {said} points, as it says', f'{found}')

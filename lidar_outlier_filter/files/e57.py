@@ -42,7 +42,7 @@ _NAMES = {
 }
 _SCAN = 'scan'
 _FLOAT = np.dtype(np.float64)
-_WHOLE = np.dtype(np.longlong)  # pye57 takes int64, another name of the same, for int32
+_WHOLE = np.dtype(np.longlong)  # pye57 confuses int64, another name of the same type, with int32
 _NARROWEST = tuple(map(np.dtype, ('u1', 'u2', 'i4')))
 _BITS = 8  # of a byte; a point is packed into one bit at least
 
@@ -61,7 +61,7 @@ class E57File(CloudFile):
     """An E57 file; see :class:`CloudFile`. Points of all scans are in their common frame."""
 
     def __init__(self, path: Path) -> None:
-        """Read what each scan says; nothing is allocated by it."""
+        """Read the description of each scan; nothing is allocated by it."""
         self.path = path
         with _opened(path) as data:
             self._scans = [_scan(path, data[i], i) for i in range(len(data))]
@@ -142,20 +142,20 @@ class E57File(CloudFile):
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Open a file for a while; give its scans; say in one line what libE57 says."""
+    """Open a file and yield its scans; quote errors of libE57 in one line."""
     try:
         file = libe57.ImageFile(str(path), 'r')
         try:
             yield file.root()['data3D']
         finally:
             file.close()
-    except libe57.E57Exception as err:  # what follows its first line is where libE57 was built
+    except libe57.E57Exception as err:  # further lines name source files of libE57
         got = f'"{str(err).strip().partition(chr(10))[0]}"'
         raise CloudError(f'the file {path}', 'readable', got) from err
 
 
 def _scan(path: Path, node: Any, number: int) -> _PosedScan:
-    """Read what a scan says of itself."""
+    """Read the description of a scan."""
     what = f'scan {number + 1}'
     prototype = libe57.StructureNode(node['points'].prototype())
     nodes = [prototype.get(i) for i in range(prototype.childCount())]

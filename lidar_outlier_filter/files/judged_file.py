@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a file, judged as a whole, in tiles or strip by strip, but for chosen classes."""
+"""Judge the points of a file as a whole, in tiles or by strips, and spare chosen classes."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are mark
 UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'ft': 0.3048, 'us-ft': 1200 / 3937}  # metres
 STRIP = 'point_source_id'
 CLASSIFICATION = 'classification'
-LARGEST_CLASS = 255
+MAX_CLASS = 255
 
 
 @dataclass(frozen=True)
 class CleanOptions:
-    """What to do with a file, beside the parameters of the filter.
+    """Options of cleaning a file, beside the parameters of the filter.
 
     Attributes
     ----------
@@ -83,11 +83,11 @@ class JudgedFile:
 
     Attributes
     ----------
-    file, options, parameters : what was judged, and how
+    file, options, parameters : as they were given
     coordinates : the columns that were judged
-    metres : metres per unit of those in other units
-    loaded : the points; those of ignored classes are not valid
-    ignored : how many these are
+    metres : metres per unit of coordinates in other units
+    loaded : the points; points of ignored classes are not valid
+    ignored : number of points of ignored classes
     everything : the verdict on all points
     verdict : the same, without points of classes that stay as they are
     by_class : points and rejected points of each class
@@ -118,7 +118,7 @@ class JudgedFile:
         return units + [1.0] * (3 - len(units))
 
 
-def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
+def judge_file(  # noqa: PLR0913  options and callbacks
     file: CloudFile,
     options: CleanOptions,
     parameters: FilterParameters,
@@ -130,7 +130,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
 
     Parameters
     ----------
-    file, options, parameters : what to judge, and how
+    file, options, parameters : the file, and how to judge it
     allocate : returns an array of a shape, in memory or in a file
     progress : called with how many of how many points are done, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
@@ -197,7 +197,7 @@ def _judge_strips(loaded: Loaded, judge: Callable[[Points], Verdict]) -> Verdict
 
 
 def _count_low(file: CloudFile, loaded: Loaded, kept: Bools, threads: int) -> int:
-    """Count the kept points that look like low ones, in what may be a survey.
+    """Count the kept points that look like low points, unless it is a scan from the ground.
 
     A scan from the ground, with lines and without classes, has its lowest points where it sees far.
     """
@@ -221,8 +221,8 @@ def _load(  # noqa: PLR0913  which points, and where to
     if named and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
     for one in named:
-        if not 0 <= one <= LARGEST_CLASS:
-            raise CloudError('a class', f'from 0 to {LARGEST_CLASS}', one)
+        if not 0 <= one <= MAX_CLASS:
+            raise CloudError('a class', f'from 0 to {MAX_CLASS}', one)
     # In tiles, detectors that can do without scan lines do.
     chain = parameters.chain
     loaded = points.load(
@@ -268,7 +268,7 @@ def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools
 
 
 def spare(verdict: Verdict, kept: Bools) -> Verdict:
-    """Return a verdict that rejects none of some points: they count as never tested."""
+    """Return a verdict without rejections of the ``kept`` points: they count as untested."""
     spared = Verdict(*(getattr(verdict, field.name).copy() for field in fields(Verdict)))
     where = np.flatnonzero(kept & verdict.rejected)
     spared.put(where, Verdict.untested(len(where)))
@@ -276,9 +276,9 @@ def spare(verdict: Verdict, kept: Bools) -> Verdict:
 
 
 def _by_class(classes: Bytes, rejected: Bools) -> dict[int, tuple[int, int]]:
-    """Count the points of each class, and those of them that are rejected."""
-    every = np.bincount(classes, minlength=LARGEST_CLASS + 1)
-    gone = np.bincount(classes[rejected], minlength=LARGEST_CLASS + 1)
+    """Count the points, and the rejected points, of each class."""
+    every = np.bincount(classes, minlength=MAX_CLASS + 1)
+    gone = np.bincount(classes[rejected], minlength=MAX_CLASS + 1)
     return {int(one): (int(every[one]), int(gone[one])) for one in np.flatnonzero(every)}
 
 
@@ -344,14 +344,14 @@ def _unit(file: CloudFile) -> str:
 
 
 def _method(file: CloudFile) -> tuple[int, str]:
-    """Count the rings that ``clean`` would recover from a file, and say how it would judge."""
+    """Return the rings that ``clean`` would recover, and how it would judge the file."""
     if len(file) > MOST_POINTS:
         return 0, ''
     parameters = FilterParameters()
     try:
         coordinates = points.choose_coordinates(file, ())
         loaded = points.load(file, coordinates, parameters, timed=True)
-    except CloudError:  # `clean` says it
+    except CloudError:  # reported by `clean`
         return 0, ''
     if loaded.lack:
         loaded = points.recovered(file, loaded, parameters)

@@ -28,7 +28,7 @@ from lidar_outlier_filter.errors import CloudError, said_by
 from lidar_outlier_filter.files import unpack_laz
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.las_header import (
-    LONGEST,
+    MAX_HEADER_BYTES,
     USER,
     check_las_points,
     check_scaling,
@@ -64,9 +64,9 @@ _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, da
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
 _LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
-_MOST_BYTES = 2**28  # of points in memory at once
+_MAX_BYTES_AT_ONCE = 2**28  # of points in memory at once
 
-# It reports what it raises anyway.
+# It logs errors that it also raises.
 logging.getLogger('laspy').addHandler(logging.NullHandler())
 
 
@@ -95,7 +95,7 @@ class LasFile(CloudFile):
         self._about = {'LAS': f'{header.version}', 'point format': f'{header.point_format.id}'}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),
-            # Those of a few bits only have no dtype of their own.
+            # Fields of a few bits have no dtype.
             **{
                 item.name: np.dtype(item.dtype or np.uint8)
                 for item in header.point_format.dimensions
@@ -175,7 +175,7 @@ class LasFile(CloudFile):
     def _restore(self, stream: BinaryIO, header: Any, change: Change) -> None:
         """Put back the bytes of the header that laspy rewrote."""
         with self.path.open('rb') as source:
-            before = source.read(LONGEST)
+            before = source.read(MAX_HEADER_BYTES)
         parts = {_IDENTITY.start: before[_IDENTITY]}
         if change.keep is None:
             parts[_LEGACY.start] = before[_LEGACY]
@@ -208,7 +208,7 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
     records = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
     if len(records) != 1:
         raise CloudError(f'the records of LASzip in {path}', 'one', len(records))
-    rows = min(rows, max(1, _MOST_BYTES // each))
+    rows = min(rows, max(1, _MAX_BYTES_AT_ONCE // each))
     selection = sum(
         getattr(lazrs, f'SELECTIVE_DECOMPRESS_{part.name}') for part in Parts if part in parts
     )

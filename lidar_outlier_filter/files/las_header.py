@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-LONGEST = 375  # bytes of a header that are read
-SHORTEST = 227  # bytes of a header of LAS 1.0 to 1.2
+MAX_HEADER_BYTES = 375  # bytes of a header that are read
+MIN_HEADER_BYTES = 227  # bytes of a header of LAS 1.0 to 1.2
 _VLR = struct.Struct('<H16sHH32s')
 _EVLR = struct.Struct('<H16sHQ32s')
-_MOST = 2**31  # units that a coordinate may have
+_MAX_UNITS = 2**31  # units that a coordinate may have
 
 USER = 'LASF_Projection'
 KEYS, WKT = 34735, 2112  # numbers of records
 MODEL, ANGLES = 1024, 2  # key: the kind of the coordinates, and its value for degrees
 PLANE, UP = 3072, 4096  # keys: EPSG numbers of the system of x and y, and of that of z
 HORIZONTAL, VERTICAL = 3076, 4099  # keys: unit of x and y, unit of z
-OWN = 32767  # not a number of EPSG: other keys say what it is
+OWN = 32767  # user-defined, not a number of EPSG
 
 Units = tuple[float | None, float | None]  # metres per unit of the plane, and of heights
 
@@ -49,16 +49,18 @@ class LasRecord(VLR):  # type: ignore[misc]  # laspy has no types
 
 
 def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
-    """List the records before and behind the points; refuse those that do not fit into the file."""
+    """List the records before and behind the points; refuse records that exceed the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
-        header = stream.read(LONGEST)
+        header = stream.read(MAX_HEADER_BYTES)
         if header[:4] != b'LASF':
             return [], []  # laspy refuses it
-        if len(header) < SHORTEST:
-            raise CloudError(f'the header of {path}', f'of at least {SHORTEST} bytes', len(header))
+        if len(header) < MIN_HEADER_BYTES:
+            raise CloudError(
+                f'the header of {path}', f'of at least {MIN_HEADER_BYTES} bytes', len(header)
+            )
         begin, points = number(header, 94, 2), number(header, 96, 4)
-        check_offset(path, 'the end of the header', begin, SHORTEST, size)
+        check_offset(path, 'the end of the header', begin, MIN_HEADER_BYTES, size)
         check_offset(path, 'the first point', points, begin, size)
         records = _chain(stream, path, _VLR, (begin, points), number(header, 100, 4))
         if not (count := _evlr_count(header)):
@@ -97,12 +99,12 @@ def _evlr_count(header: bytes) -> int:
 def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
     """Refuse scales and offsets whose coordinates are not finite, or all the same.
 
-    laspy takes NaN for another scaling than NaN, and would write other integers.
+    For laspy, NaN differs from NaN: it would write other integers.
     """
     for axis, *pair in zip('xyz', scales, offsets, strict=True):
         scale, offset = map(float, pair)
         what = f'scale and offset of {axis} in {path}'
-        if not math.isfinite(abs(scale) * _MOST + abs(offset)):
+        if not math.isfinite(abs(scale) * _MAX_UNITS + abs(offset)):
             raise CloudError(what, 'such that all coordinates are finite', f'{scale} and {offset}')
         if scale == 0:
             raise CloudError(what, 'such that coordinates differ', f'{scale} and {offset}')
@@ -111,7 +113,7 @@ def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float])
 def check_las_points(path: Path, count: int) -> None:
     """Refuse a count of uncompressed points that is not that of the points in the file."""
     with path.open('rb') as stream:
-        header = stream.read(LONGEST)
+        header = stream.read(MAX_HEADER_BYTES)
     end = number(header, 235, 8) if _evlr_count(header) else path.stat().st_size
     check_points(path, count, number(header, 105, 2), number(header, 96, 4), end)
 
@@ -128,8 +130,8 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
     ----------
     records : content of the records of ``USER``, by their numbers
     path : of the file, for a refusal
-    wkt : whether the header says that WKT counts, and not the keys; where the one that counts is
-        missing or names no unit, the other counts
+    wkt : whether, by the header, WKT has precedence over the keys; if the first is missing or names
+        no unit, the other is used
 
     Raises
     ------
@@ -146,7 +148,7 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
 
 
 def crs_name(records: Mapping[int, bytes], path: Path) -> str:
-    """Name the coordinate system; empty where the records name none that PROJ knows."""
+    """Name the coordinate system; empty if PROJ knows none of that name."""
     codes = _keys(records)
     try:
         if text := _wkt_text(records):
@@ -159,7 +161,7 @@ def crs_name(records: Mapping[int, bytes], path: Path) -> str:
 
 
 def _keys(records: Mapping[int, bytes]) -> dict[int, int]:
-    """Read those GeoTIFF keys that hold their value themselves."""
+    """Read the GeoTIFF keys with an inline value."""
     data = records.get(KEYS, b'')
     rows = [struct.unpack_from('<4H', data, at) for at in range(8, len(data) - 7, 8)]
     return {key: value for key, place, _, value in rows if place == 0}

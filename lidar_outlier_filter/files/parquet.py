@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.files.cloud_file import Change
 
-LARGEST = 2**30  # bytes of a row group
-OF_A_ROW = 2**10  # bytes: a group of so many rows may be larger
-ROWS_OF_A_BYTE = 1000  # that a file may have: of grids that are flat and even there are 200
+MAX_GROUP_BYTES = 2**30  # bytes of a row group
+MAX_ROW_BYTES = 2**10  # bytes: a group of so many rows may be larger
+MAX_ROWS_PER_BYTE = 1000  # that a file may have: of grids that are flat and even there are 200
 _ROWS = 512  # rows measured at once
 _TEXT = 'BYTE_ARRAY'
 _WIDTHS = {'BOOLEAN': 1, 'INT32': 4, 'INT64': 8, 'INT96': 12, 'FLOAT': 4, 'DOUBLE': 8, _TEXT: 4}
@@ -105,7 +105,7 @@ def _numbers(column: Any) -> NDArray[Any]:
 
 
 def _properties(file: Any) -> dict[str, Any]:
-    """Return what the writer needs to write as the file was written."""
+    """Return the options of a writer for the compression and version of the file."""
     if file.num_row_groups == 0:
         return {}
     group = file.metadata.row_group(0)
@@ -123,7 +123,7 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> int:
     if (fewest := min((group.num_rows for group in groups), default=0)) < 0:
         raise CloudError(f'the points in a part of {path}', 'at least 0', fewest)
     check_count(path, metadata.num_rows, sum(group.num_rows for group in groups))
-    most = ROWS_OF_A_BYTE * path.stat().st_size
+    most = MAX_ROWS_PER_BYTE * path.stat().st_size
     check_fits(path, 'the number of points', metadata.num_rows, 1, most)
     for number, group in enumerate(groups):
         total = 0
@@ -150,7 +150,7 @@ def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
 
 
 def _check_size(path: Path, number: int, rows: int, total: int) -> None:
-    most = max(LARGEST, OF_A_ROW * rows)
+    most = max(MAX_GROUP_BYTES, MAX_ROW_BYTES * rows)
     if total > most:
         what = f'the bytes that row group {number} of {path} unpacks to'
         raise CloudError(what, f'at most {most}', f'{total} or more')

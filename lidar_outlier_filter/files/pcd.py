@@ -3,7 +3,7 @@
 """PCD files of the Point Cloud Library: ascii, binary, binary_compressed.
 
 Read here and not by pypcd4, the library there is: it prints the numbers of ascii files anew, drops
-comments, names what is padding at random, and holds whole files in memory. LZF is left to liblzf.
+comments, gives padding random names, and holds whole files in memory. LZF is left to liblzf.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PcdFile(RowFile):
         self._rows = self._find_rows()
 
     def _words(self, said: Mapping[bytes, Sequence[bytes]], key: bytes) -> Sequence[bytes]:
-        """Return what the header says behind a word; refuse a header that says nothing."""
+        """Return the words of a header line; refuse a header without them."""
         if not said.get(key):
             raise CloudError(f'the header of {self.path}', 'complete', f'no {key.decode()}')
         return said[key]
@@ -182,7 +182,7 @@ class PcdFile(RowFile):
         ]
         kept = slice(None) if change.keep is None else change.keep
         data = b''.join(column[kept].tobytes() for column in columns)
-        # Given more memory, LZF also takes what it cannot make smaller.
+        # With more memory, LZF also accepts incompressible data.
         packed = lzf.compress(data, len(data) + len(data) // 16 + 64) if data else b''
         stream.write(_SIZES.pack(len(packed), len(data)))
         stream.write(packed)

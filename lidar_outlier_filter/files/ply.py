@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """PLY files: ascii and binary of both byte orders.
 
-The element ``vertex``, which must be the first, is read; all behind it is copied as it is. Read
-here because no library fits: plyfile's licence is the GPL, and meshio, trimesh and Open3D keep only
-the properties that they know.
+The element ``vertex``, which must be the first, is read; everything behind it is copied unchanged.
+No library is used: plyfile's licence is the GPL, and meshio, trimesh and Open3D keep only the
+properties that they know.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of a file → Points: coordinates in metres, times, and scan lines.
 
-LAS has no column with the number of a scan line. There, lines are found in what the file keeps of
+LAS has no column with the number of a scan line. There, lines are found by the columns that record
 the motion of the mirror.
 """
 
@@ -216,7 +216,7 @@ def _timing(file: CloudFile, parameters: FilterParameters, *, timed: bool) -> li
 
 
 def _line_column(file: CloudFile, parameters: FilterParameters, where: str = '') -> str:
-    """Name the column with the line or ring of each point, which something needs."""
+    """Name the column with the line or ring of each point; refuse a file without one."""
     name = _named(file, parameters.line_field, 'line_field', LINE_NAMES)
     if not name:
         must_be = f'one of {", ".join(LINE_NAMES)}, or line_field given'
@@ -247,7 +247,7 @@ def _with_lines(
     if (points.valid & np.ma.getmaskarray(columns[time])).any():
         raise CloudError('the time of a point', 'finite and within 73 years', np.nan)
     if unit == 'auto':
-        # A text table does not say that its numbers are whole.
+        # A text table has no integer type.
         said = file.columns[time]
         kind = said if said.kind == 'f' else values.dtype
         sizes = np.abs(values[points.valid].astype(np.float64))
@@ -267,7 +267,7 @@ def _with_lines(
 def _lines(
     file: CloudFile, valid: Bools, t: Ints, columns: Columns, parameters: FilterParameters
 ) -> tuple[Ints | None, str]:
-    """Find the scan lines as ``line_source`` says; return them and what they were found by."""
+    """Find the scan lines as ``line_source`` says; return them, and the column that shows them."""
     source = parameters.line_source
     if source not in {'auto', 'field', 'angle'}:
         raise CloudError('line_source', "'auto', 'field' or 'angle' for a file", repr(source))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools
     from lidar_outlier_filter.files.cloud_file import Change
 
-_LONGEST_HEADER = 1_000_000  # bytes
+_MAX_HEADER_BYTES = 1_000_000  # bytes
 
 
 class RowFile(CloudFile):
@@ -50,7 +50,7 @@ class RowFile(CloudFile):
             yield from self._rows.write(stream, change)
 
     def _changed_header(self, _change: Change) -> Iterator[bytes]:
-        """Yield the lines of the header of a copy; those of the file, where nothing changes."""
+        """Yield the lines of the header of a copy."""
         yield from self._header
 
 
@@ -59,8 +59,8 @@ def read_header(
 ) -> list[bytes]:
     """Read the lines of a header, the last one included; refuse a file without such lines."""
     lines: list[bytes] = []
-    while stream.tell() < _LONGEST_HEADER:
-        line = stream.readline(_LONGEST_HEADER)
+    while stream.tell() < _MAX_HEADER_BYTES:
+        line = stream.readline(_MAX_HEADER_BYTES)
         if not line or (not lines and not is_first(line)):
             break
         lines.append(line)
@@ -73,7 +73,7 @@ class BinaryRows:
     """Rows of fixed length."""
 
     def __init__(self, rows: NDArray[np.void]) -> None:
-        """Take the rows, (N,) structured: mapped from a file, or in memory."""
+        """Use rows, (N,) structured, mapped from a file or in memory."""
         self._rows = rows
 
     @classmethod
@@ -99,7 +99,7 @@ class BinaryRows:
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the rows, changed; yield how many are done."""
         kind = self._rows.dtype
-        # As plain bytes: copies of a structured array lose what lies between the fields.
+        # As plain bytes: copies of a structured array lose the padding.
         plain = np.dtype((np.void, kind.itemsize))
         is_big = any(kind[name].base.byteorder == '>' for name in kind.names or ())
         order: Literal['<', '>'] = '>' if is_big else '<'
@@ -121,7 +121,7 @@ class BinaryRows:
 class TextRows:
     """Rows that are lines, with numbers between separators."""
 
-    def __init__(  # noqa: PLR0913  where the lines are, and what is in them
+    def __init__(  # noqa: PLR0913  place and layout of the lines
         self,
         path: Path,
         offset: int,
@@ -147,7 +147,7 @@ class TextRows:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
         columns = [self._columns[name] for name in names]
         dtype = np.dtype([(f'f{i}', kind) for i, (_, kind) in enumerate(columns)])
-        # numpy reads columns in the order in which they are asked for.
+        # numpy returns columns in the requested order.
         use = [index for index, _ in columns]
         done = 0
         for lines in self.chunks():
@@ -223,7 +223,7 @@ def _joined(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def append(line: bytes, separator: bytes, texts: Sequence[str]) -> bytes:
-    """Put texts behind what a line holds, before its end."""
+    """Append fields to a line, before its end of line."""
     held = line.rstrip(b'\r\n')
     return separator.join((held, *(text.encode() for text in texts))) + line[len(held) :]
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 VERDICT = '_verdict'  # behind the name of the table
 ROW_ID = 'rowid'
-_STORED = {0, 3}  # how SQLite marks columns that stand in a row, and computed ones that do
-_SHOWN = 40  # letters of a value that is none
+_STORED = {0, 3}  # hidden flags of PRAGMA table_xinfo: stored columns, computed and stored ones
+_SHOWN = 40  # letters of a quoted value
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
 
 
@@ -41,14 +41,14 @@ class SqliteFile(CloudFile):
         self.path = path
         log = path.with_name(path.name + '-wal')
         if log.is_file() and log.stat().st_size:
-            must_be = 'closed by who wrote it'
+            must_be = 'closed by its writer'
             raise CloudError(f'the database {path}', must_be, f'rows in {log.name}')
         if wrong := damage_of(path):
             raise CloudError(f'the database {path}', 'whole', f'"{wrong}"')
         with closing(connect(path)) as database:
             self.table = _choose(database, path, table)
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
-            # What is computed when it is read, by what the file says, is not read.
+            # Columns that an expression in the file computes on reading are not read.
             stored = [column for column in about if column[-1] in _STORED]
             if ROW_ID in {column[1].lower() for column in about}:
                 must_be = f'without {ROW_ID}, which SQLite numbers the rows by'
@@ -117,7 +117,7 @@ class SqliteFile(CloudFile):
 
 
 def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str:
-    """Find the table that is meant."""
+    """Find the requested table."""
     # Virtual tables, whose rows a module makes, have no page.
     of_rows = "SELECT name FROM sqlite_schema WHERE type = 'table' AND rootpage > 0"
     found = database.execute(of_rows)
@@ -134,7 +134,7 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
 
 
 def _column(values: Sequence[float | None]) -> NDArray[Any]:
-    """Turn numbers, None where there is none, into a column."""
+    """Turn numbers, None for NULL, into a column."""
     missing = np.array([value is None for value in values])
     numbers = np.array([0 if value is None else value for value in values])
     if numbers.dtype.kind == 'f':

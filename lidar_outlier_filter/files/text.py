@@ -38,25 +38,25 @@ if TYPE_CHECKING:
 
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
-LONGEST_LINE = 1_000_000  # bytes of the first lines
-EXACT = 2**53  # up to here a float64 holds every whole number
+MAX_LINE_BYTES = 1_000_000  # bytes of the first lines
+EXACT_FLOAT64 = 2**53  # up to here a float64 holds every whole number
 
 # PTX
 _NAMES = ('x', 'y', 'z', 'intensity', 'red', 'green', 'blue')
 # The numbers of a line, and the line of a missing return as Leica's programs write it.
 _MISSING = {4: b'0 0 0 0.5', 7: b'0 0 0 0.5 0 0 0'}
-_SHORTEST = 8  # bytes of a line
-_LONGEST = 1000  # bytes of a line of a header
+_MIN_LINE_BYTES = 8  # bytes of a line
+_MAX_HEADER_LINE_BYTES = 1000  # bytes of a line of a header
 _SHAPE = ('columns', 'rows')
 _POSE = (3,) * 4 + (4,) * 4  # numbers of each line: position, three axes, matrix
 
 
 def is_prose(path: Path) -> bool:
-    """Return whether a file named as a text table is none: no number is in its first two rows."""
+    """Return whether a file named as a table is prose: no number in its first two rows."""
     if FORMATS.get(path.suffix.lower(), ('',))[0] != 'text':
         return False
     with path.open(encoding='utf-8-sig', errors='surrogateescape') as stream:
-        lines = [stream.readline(LONGEST_LINE) for _ in range(2)]
+        lines = [stream.readline(MAX_LINE_BYTES) for _ in range(2)]
     words = re.split(rf'[{_SEPARATORS}\n]', ''.join(lines))
     return not any(_is_number(word) for word in words)
 
@@ -73,7 +73,7 @@ class TextFile(RowFile):
         with path.open('rb') as stream:
             mark = BOM_UTF8 if stream.read(len(BOM_UTF8)) == BOM_UTF8 else b''
             stream.seek(len(mark))
-            first = stream.readline(LONGEST_LINE)
+            first = stream.readline(MAX_LINE_BYTES)
         # The separator that splits the first line into the most fields.
         separators = [mark.encode() for mark in _SEPARATORS]
         self._separator = separator = max(
@@ -118,7 +118,7 @@ class _TableRows(TextRows):
             done += len(rows)
 
     def _column(self, texts: Sequence[str], done: int) -> NDArray[Any]:
-        """Parse a column; the number of the point that has none is in the refusal."""
+        """Parse a column; a refusal names the number of the point."""
         numbers = np.empty(len(texts))
         for i, text in enumerate(texts):
             try:
@@ -139,12 +139,12 @@ def _fields(line: bytes, separator: bytes, *, strict: bool = True) -> list[str]:
 
 
 def _exact(numbers: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
-    """Return numbers as int64 if all are whole, so that none is rounded; NaN are missing then."""
+    """Return numbers as exact int64 if all are whole; NaN are masked then."""
     missing = np.isnan(numbers)
     known = numbers[~missing]
     if not (np.isfinite(known).all() and (known == np.floor(known)).all()):
         return numbers
-    large = np.abs(numbers) >= EXACT
+    large = np.abs(numbers) >= EXACT_FLOAT64
     whole = np.where(missing | large, 0, numbers).astype(np.int64)
     try:
         for i in np.flatnonzero(large).tolist():
@@ -207,8 +207,8 @@ class PtxFile(CloudFile):
         offset = stream.tell()
         room = self.path.stat().st_size - offset + 1  # the last line may have no end
         for name, count in zip(_SHAPE, (columns, rows), strict=True):
-            check_fits(self.path, f'the {name} of {what}', count, _SHORTEST, room)
-        check_fits(self.path, f'the points of {what}', columns * rows, _SHORTEST, room)
+            check_fits(self.path, f'the {name} of {what}', count, _MIN_LINE_BYTES, room)
+        check_fits(self.path, f'the points of {what}', columns * rows, _MIN_LINE_BYTES, room)
         first = _next_line(stream)
         stream.seek(max(first, offset))
         width = len(_line(stream).split())
@@ -274,11 +274,11 @@ class PtxFile(CloudFile):
 
 def _next_line(stream: BinaryIO) -> int:
     """Find where the next line begins that is not empty; -1: there is none."""
-    while line := stream.readline(_LONGEST):
+    while line := stream.readline(_MAX_HEADER_LINE_BYTES):
         if not line.isspace():
             return stream.tell() - len(line)
     return -1
 
 
 def _line(stream: BinaryIO) -> bytes:
-    return stream.readline(_LONGEST)
+    return stream.readline(_MAX_HEADER_LINE_BYTES)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-MEMORY = 2**31  # bytes
+MAX_MEMORY_BYTES = 2**31  # bytes
 VARIABLE = 2**32 - 1  # the size of chunks that differ
 LAYERED = 3  # compressor
 
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str]) -> int:
     library, path, record, *numbers = arguments
     begin, selection, size, count, rows = map(int, numbers)
     most = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    limit = MEMORY if most == resource.RLIM_INFINITY else min(most, MEMORY)
+    limit = MAX_MEMORY_BYTES if most == resource.RLIM_INFINITY else min(most, MAX_MEMORY_BYTES)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
     sys.path.insert(0, library)
     import lazrs  # noqa: PLC0415  its folder is known now
@@ -70,8 +70,8 @@ def _count(  # noqa: PLR0913  where the points are
 ) -> int:
     """Count the points in the table of chunks.
 
-    Chunks of point formats 6 to 10 count their points. Of the others it is unknown how many the
-    last chunk has: then what the header says is believed, up to a whole chunk.
+    Chunks of point formats 6 to 10 count their points. Of the others the size
+    of the last chunk is unknown: then the header is trusted, up to a whole chunk.
     """
     vlr = lazrs.LazVlr(laszip)
     if vlr.item_size() != size:

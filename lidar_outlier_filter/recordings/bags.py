@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 
-LARGEST = 256_000_000  # bytes of a message, or of a chunk of messages, uncompressed
+MAX_MESSAGE_BYTES = 256_000_000  # bytes of a message, or of a chunk of messages, uncompressed
 MAX_ALIASES = 100  # in a metadata.yaml, where recorders write none
 _ALIAS = re.compile(r'(?<![^\s,\[{])\*\w')
-LATEST = 2**63 - 1  # bag time, nanoseconds
-# What a publisher of ROS 2 offers that keeps ten messages; 0: the middleware's own default.
+MAX_BAG_TIME_NS = 2**63 - 1  # bag time, nanoseconds
+# The profile of a ROS 2 publisher that keeps ten messages; 0: the default of the middleware.
 RELIABLE = Qos(
     QosHistory.KEEP_LAST,
     10,
@@ -68,7 +68,7 @@ class Recording:
     Parameters
     ----------
     path : of the recording
-    largest : bytes; a message that is larger, or a chunk that its index says is, is refused
+    largest : bytes; larger messages, and chunks that are larger by their index, are refused
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Recording:
 
     """
 
-    def __init__(self, path: RecordingPath, largest: int = LARGEST) -> None:
+    def __init__(self, path: RecordingPath, largest: int = MAX_MESSAGE_BYTES) -> None:
         """Name the recording; it is opened on entering."""
         self.path = path
         self._largest = largest
@@ -146,7 +146,7 @@ class Recording:
                 for connection in self._reader.connections
                 if topics is None or self._channels[connection.id][0] in topics
             ]
-            if not connections:  # which readers take for all
+            if not connections:  # readers would return all messages
                 return
             for connection, time, data in self._reader.messages(connections, start, stop):
                 topic, to_cdr = self._channels[connection.id]
@@ -208,7 +208,7 @@ def texts_by_name(data: object) -> dict[str, str]:
 
 
 def _check_index(reader: Reader2, largest: int) -> None:
-    """Refuse a bag of which rosbags would leave out messages without a word.
+    """Refuse a bag of which rosbags would silently skip messages.
 
     rosbags reads the chunks and channels that the index of an MCAP file names, and the topics that
     ``metadata.yaml`` does. A file without an index is read from its beginning to its end.
@@ -258,7 +258,7 @@ class NewBag:
     """
 
     def __init__(self, path: Path, custom_data: Mapping[str, str] | None = None) -> None:
-        """Name the folder, and what its ``metadata.yaml`` shall carry under ``custom_data``."""
+        """Name the folder, and the ``custom_data`` of its ``metadata.yaml``."""
         self.path = path
         self._custom_data = custom_data or {}
 
@@ -301,21 +301,21 @@ class NewBag:
 
     def write(self, topic: Topic, time: int, data: bytes | memoryview) -> None:
         """Write the CDR bytes of one message of an added topic at its bag time (ns)."""
-        if not 0 <= time <= LATEST:
-            must_be = f'from 0 to {LATEST} ns'
+        if not 0 <= time <= MAX_BAG_TIME_NS:
+            must_be = f'from 0 to {MAX_BAG_TIME_NS} ns'
             raise RecordingError(f'the bag time of a message of {topic.name}', must_be, time)
         self._writer.write(self._connections[topic], time, data)
 
 
 @contextmanager
 def _readable(path: RecordingPath) -> Iterator[None]:
-    """Refuse, in one sentence, whatever a recording that is none makes the readers raise."""
+    """Turn any error of a reader into a refusal in one sentence."""
     try:
         try:
             yield
         except FilterError:
             raise
-        except Exception as err:  # on damaged files, the decoders raise whatever they come upon
+        except Exception as err:  # on damaged files, decoders raise any error
             raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
     except RecordingError as err:
         vars(err).setdefault('is_damage', True)

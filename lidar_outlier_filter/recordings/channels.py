@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of a recording: what its connections say of them, and how messages become CDR."""
+"""The topics of a recording, from its connections, and the conversion of messages to CDR."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _FOREVER = QosTime(9223372036, 854775807)
-# What a latched topic of ROS 1 is in ROS 2: whoever comes late still gets the last message.
+# The ROS 2 profile of a latched ROS 1 topic: late subscribers still receive the last message.
 LATCHED = Qos(
     QosHistory.KEEP_LAST,
     1,
@@ -51,10 +51,10 @@ _SEPARATOR = '=' * 80 + '\n'
 
 @dataclass(frozen=True, eq=False)  # looked up for every message: by identity, which is fast
 class Topic:
-    """One topic of a recording and what is kept of it beside its messages.
+    """One topic of a recording: everything that is kept of it but its messages.
 
     ``definition`` is the text of the message type with all it contains, ``digest`` its RIHS01
-    hash; both are empty where nobody knows them. ``qos`` holds the profiles that were offered.
+    hash; both are empty where they are unknown. ``qos`` holds the offered profiles.
     """
 
     name: str
@@ -69,7 +69,7 @@ Channels = dict[int, 'tuple[Topic, Callable[[bytes], bytes]]']
 
 
 def ros2_channels(connections: Sequence[Connection]) -> Channels:
-    """Topic of each connection, and how its messages become CDR: they are."""
+    """Return the topic of each connection, and the conversion to CDR, which changes nothing."""
     groups: dict[tuple[str, str], list[Connection]] = {}
     for connection in connections:
         groups.setdefault((connection.topic, connection.msgtype), []).append(connection)
@@ -87,7 +87,7 @@ def ros2_channels(connections: Sequence[Connection]) -> Channels:
 
 
 def _ros2_definition(connection: Connection) -> tuple[str, str]:
-    """Definition and hash of a ROS 2 connection's type, as far as anybody knows them."""
+    """Return definition and hash of the type of a ROS 2 connection, as far as they are known."""
     kind, text = connection.msgdef
     if kind == MessageDefinitionFormat.NONE:
         return _unchanged_definition(connection.msgtype)
@@ -98,7 +98,7 @@ def _ros2_definition(connection: Connection) -> tuple[str, str]:
 def _digest(kind: MessageDefinitionFormat, text: str, msgtype: str) -> str:
     """Compute the hash that a file did not keep; empty for a definition that cannot be parsed.
 
-    The recordings of an archive have the same types: to parse one takes 10 ms.
+    The recordings of an archive share their types, and parsing one takes 10 ms.
     """
     try:
         if kind == MessageDefinitionFormat.MSG:
@@ -108,12 +108,12 @@ def _digest(kind: MessageDefinitionFormat, text: str, msgtype: str) -> str:
             for part in text.split(_SEPARATOR)[1:]:
                 types.update(get_types_from_idl(part.partition('\n')[2]))
         return _typestore(types).hash_rihs01(msgtype)
-    except Exception:  # noqa: BLE001  a type that cannot be understood is copied all the same
+    except Exception:  # noqa: BLE001  a type that cannot be parsed is copied all the same
         return ''
 
 
 def _unchanged_definition(msgtype: str) -> tuple[str, str]:
-    """Definition and hash where the bag has none (before Iron), of types that never changed."""
+    """Return definition and hash of a type that never changed, for bags older than Iron."""
     stores = [
         known_types(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)
     ]
@@ -125,7 +125,7 @@ def _unchanged_definition(msgtype: str) -> tuple[str, str]:
 
 
 def ros1_channels(connections: Sequence[Connection]) -> Channels:
-    """Topic of each connection, and how its messages become CDR."""
+    """Return the topic of each connection, and the conversion of its messages to CDR."""
     jazzy = known_types()
     types: dict[str, tuple[str, Typestore]] = {}
     topics: dict[tuple[str, str], Topic] = {}
@@ -147,7 +147,7 @@ def ros1_channels(connections: Sequence[Connection]) -> Channels:
 
 
 def _ros1_definition(msgtype: str, store: Typestore, jazzy: Typestore) -> tuple[str, str, str]:
-    """Name, definition and hash in ROS 2 of a type of ROS 1."""
+    """Return name, definition and hash that a ROS 1 type has in ROS 2."""
     name = _RENAMED.get(msgtype, msgtype)
     # Where the bytes are the same: the definition of ROS 2, with the names it gave the fields.
     if name in jazzy.fielddefs and is_same_wireformat(store, jazzy, msgtype, name):
@@ -176,8 +176,8 @@ def _typestore(types: Typesdict) -> Typestore:
 
 @cache
 def known_types(name: Stores = Stores.ROS2_JAZZY) -> Typestore:
-    """Return the types of a distribution, with the code that is made for those that are used.
+    """Return the message types of a distribution, with the code generated for them so far.
 
-    Nobody adds a type to them: they are the same for all recordings.
+    No type is added: they are shared by all recordings.
     """
     return get_typestore(name)

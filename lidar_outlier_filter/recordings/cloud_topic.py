@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""One topic of clouds of a recording: its messages in, its answers out."""
+"""Filter one cloud topic of a recording: messages in, output clouds out."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.pipeline.pipeline import SplitCloud
     from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
-MOST_SENTENCES = 50  # that are kept of refusals
+MAX_SENTENCES = 50  # of refusals that are kept
 
 
 @dataclass(frozen=True)
 class TopicReport:
-    """What became of the clouds of one topic.
+    """Counts of the clouds of one topic.
 
-    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them, and
-    ``sentences`` has the first sentence for each. ``gaps`` is how often clouds are missing.
+    ``refused`` clouds have no output; ``refusals`` counts them by reason, and
+    ``sentences`` has the first sentence for each. ``gaps`` counts gaps between clouds.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order;
     those on the own vehicle are rejected by ``mask``.
     """
@@ -57,12 +57,12 @@ class TopicReport:
 
     @property
     def refused_because(self) -> str:
-        """What was wrong with the clouds that were refused, and how often."""
+        """Why clouds were refused, and how often."""
         return refused_for(self.refusals, self.sentences)
 
     @property
     def untested_because(self) -> str:
-        """Why no point could be tested; empty where one was, or there is no answered cloud."""
+        """Why no point could be tested; empty if one was, or if no cloud was filtered."""
         if self.messages == self.refused or self.points > self.untested + self.invalid:
             return ''
         if self.points == self.invalid:
@@ -73,7 +73,7 @@ class TopicReport:
 
 
 class CloudTopic:
-    """A topic of clouds, the pipeline that filters it, and the topics of its answers."""
+    """A topic of clouds, the pipeline that filters it, and its output topics."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class CloudTopic:
         chain: Chain | None = None,
         motion: Odometry | None = None,
     ) -> None:
-        """Take a topic; ``chain`` and ``motion`` stand in for those of the parameters."""
+        """Filter a topic; ``chain`` and ``motion`` replace those of the parameters."""
         self.topic = topic
         self._parameters = parameters
         if motion is None and parameters.motion.source == 'odometry':
@@ -95,7 +95,7 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        # A kernel is compiled when the first cloud needs it: another sensor's never are.
+        # A kernel is compiled when the first cloud needs it; those of other sensors are not.
         self.pipeline = Pipeline(parameters, say, say, motion, compiles=False)
         if chain is not None:
             self.pipeline.use_chain(chain)
@@ -106,7 +106,7 @@ class CloudTopic:
         self._times = MessageTimes()
         self._types = known_types()
         self._take: Callable[[StreamCloud, Any, int], object] | None = None
-        self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
+        self._shown: list[tuple[StreamCloud, Any]] = []  # not passed on yet
 
     def show(self, take: Callable[[StreamCloud, Any, int], object]) -> None:
         """Call with each cloud that is judged, its message and its number in the topic, from 0."""
@@ -115,7 +115,7 @@ class CloudTopic:
 
     @property
     def listeners(self) -> Mapping[tuple[str, str], Callable[[int, bytes], None]]:
-        """What takes the messages of a topic, by its name and type: a topic may carry several."""
+        """The methods that receive messages, by topic name and type."""
         found: dict[tuple[str, str], Callable[[int, bytes], None]]
         found = {(self.topic.name, CLOUD): self.feed}
         if self.odometry:
@@ -123,24 +123,24 @@ class CloudTopic:
         return found
 
     def begin(self, bag: NewBag, names: set[str]) -> None:
-        """Add the topics of the answers to the bag and to the names in use.
+        """Add the output topics to the bag and to the names in use.
 
-        Where it is not called, no answers are made.
+        Unless it is called, no output clouds are made.
         """
         self._bag = bag
         self._outputs: list[Topic] = []
         self.pipeline.requested_outputs = (True, True)
         for name in output_topics(resolve(self.topic.name)):
             if name in names:
-                must_be = 'a topic that the recording does not have'
-                raise RecordingError(f'the answer to {self.topic.name}', must_be, name)
+                must_be = 'new to the recording'
+                raise RecordingError(f'the output topic of {self.topic.name}', must_be, name)
             output = Topic(name, CLOUD, self.topic.definition, self.topic.digest, (RELIABLE,))
             bag.add(output)
             names.add(name)
             self._outputs.append(output)
 
     def feed(self, time: int, data: bytes) -> None:
-        """Filter a cloud with its bag time, and write the answers that are finished by it."""
+        """Filter a cloud with its bag time, and write the output clouds that it completes."""
         self._clouds += 1
         self._times.add(time)
         try:
@@ -150,13 +150,13 @@ class CloudTopic:
             return
         try:
             finished = self.pipeline.process(cloud, (self._clouds, time))
-        except CloudError as err:  # counted by the filter; others may be finished all the same
+        except CloudError as err:  # counted by the pipeline; others may be complete all the same
             self._note_refusal(err)
             finished = self.pipeline.advance()
         self._write(finished)
 
     def feed_pose(self, _time: int, data: bytes) -> None:
-        """Take an odometry, and write the answers that are finished by it."""
+        """Pass on an odometry message, and write the output clouds that it completes."""
         if self._motion is None:
             return
         try:
@@ -168,11 +168,11 @@ class CloudTopic:
         self._write(self.pipeline.advance())
 
     def finish(self) -> None:
-        """Write the answers to the last clouds."""
+        """Write the output clouds that are left."""
         self._write(self.pipeline.flush())
 
     def _note_refusal(self, err: CloudError) -> None:
-        if len(self._sentences) < MOST_SENTENCES:
+        if len(self._sentences) < MAX_SENTENCES:
             self._sentences.setdefault(err.what, str(err))
 
     def _write(self, finished: Sequence[SplitCloud]) -> None:
@@ -188,7 +188,7 @@ class CloudTopic:
                 self._bag.write(topic, time, bytes(self._types.serialize_cdr(msg, CLOUD)))
 
     def report(self) -> TopicReport:
-        """Say what became of the clouds."""
+        """Count the clouds."""
         counts, parameters = self.pipeline.statistics, self._parameters
         return TopicReport(
             self.topic.name,

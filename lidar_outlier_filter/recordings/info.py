@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a recording, and what the filter would make of it, by its defaults."""
+"""Summarise a recording, and the verdict of the defaults on its first seconds."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-SAMPLE = 3.0  # seconds of bag time that the filter judges
-FIRST = 6  # clouds, by which a sensor shows which kernels it needs
-LEVEL = math.radians(1)  # deviation in elevation up to which a line is a ring
-EVEN = 0.1  # of the median step, up to which rings are evenly spaced
-MIN_LINE_POINTS = 3  # points of a line that says where it lies
+SAMPLE_S = 3.0  # seconds of bag time that the filter judges
+WARM_UP_CLOUDS = 6  # clouds that load or compile the kernels which a sensor needs
+MAX_RING_DEVIATION_RAD = math.radians(1)  # deviation in elevation up to which a line is a ring
+MAX_STEP_DEVIATION = 0.1  # of the median step, up to which rings are evenly spaced
+MIN_LINE_POINTS = 3  # of a line whose elevation is used
 KINDS = ('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64')
 
 
 @dataclass(frozen=True)
 class ScanGeometry:
-    """What one cloud shows.
+    """Properties of a scanner, estimated from one cloud.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class ScanGeometry:
 
 @dataclass
 class CloudInfo:
-    """What the first clouds of a topic show.
+    """Properties of a topic, from its first clouds.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class CloudInfo:
         ``NAME TYPE``, height and width, and the bytes of a point
     found : sentences on how the clouds are read
     geometry : of the first cloud with points
-    report, seconds : what the defaults make of the sample, and how long it took
+    report, seconds : counts of the sample under the defaults, and the duration
     stamps : the header stamps of all clouds
     behind : bag time of the first cloud less its stamp, s
 
@@ -108,7 +108,7 @@ class CloudInfo:
 
 @dataclass
 class RecordingInfo:
-    """What is in a recording; ``topics`` have the bag times of their messages.
+    """A summary of a recording; ``topics`` have the bag times of their messages.
 
     ``unread`` messages are counted in the recording, but were not found in it.
     """
@@ -123,12 +123,12 @@ class RecordingInfo:
     unread: int = 0
 
 
-def look(
+def describe_recording(
     path: RecordingPath,
-    sample: float = SAMPLE,
+    sample: float = SAMPLE_S,
     progress: Callable[[int, int], object] = lambda _done, _total: None,
 ) -> RecordingInfo:
-    """Read a recording once for its times, and the first seconds of its clouds for all else.
+    """Summarise a recording: times of all messages, and properties of the first clouds.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def look(
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
             # Twice: kernels that this sensor needs are loaded, or compiled, before the time counts.
-            _judge(topic, CloudInfo(), islice(source.messages([topic], None, stop), FIRST))
+            _judge(topic, CloudInfo(), islice(source.messages([topic], None, stop), WARM_UP_CLOUDS))
             _judge(topic, cloud, source.messages([topic], None, stop))
         done = 0
         for topic, time, data in source.messages():
@@ -204,7 +204,7 @@ def _kind(number: int) -> str:
 
 
 def _note_stamp(cloud: CloudInfo, time: int, data: bytes) -> None:
-    """Take the stamp out of the bytes of a cloud; those of one that is cut short have none."""
+    """Read the stamp from the bytes of a cloud, unless they are truncated."""
     if len(data) < 12:  # noqa: PLR2004  the head of CDR, and a stamp
         return
     seconds, nanoseconds = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
@@ -215,7 +215,7 @@ def _note_stamp(cloud: CloudInfo, time: int, data: bytes) -> None:
 
 
 def scan_geometry(points: Points) -> ScanGeometry | None:
-    """Look at the points of a cloud; None where none is valid."""
+    """Estimate the properties of the scanner from a cloud; None without valid points."""
     invalid = 1 - float(points.valid.mean()) if len(points) else 1.0
     points = points.take(points.valid)
     if not len(points):
@@ -243,7 +243,7 @@ def _with_rings(found: ScanGeometry, points: Points, bounds: NDArray[np.int64]) 
         return found
     middles = np.array([np.median(elevation[line]) for line in lines])
     spread = [np.median(abs(elevation[line] - m)) for line, m in zip(lines, middles, strict=True)]
-    if np.median(spread) > LEVEL or np.ptp(azimuth) < math.pi / 8:
+    if np.median(spread) > MAX_RING_DEVIATION_RAD or np.ptp(azimuth) < math.pi / 8:
         return found
     steps = np.diff(np.sort(middles))
     turns = np.concatenate([np.diff(azimuth[line]) for line in lines])
@@ -253,6 +253,6 @@ def _with_rings(found: ScanGeometry, points: Points, bounds: NDArray[np.int64]) 
         low=math.degrees(middles.min()),
         high=math.degrees(middles.max()),
         step=math.degrees(np.median(steps)) if len(steps) else math.nan,
-        even=bool(len(steps) and np.ptp(steps) <= EVEN * np.median(steps)),
+        even=bool(len(steps) and np.ptp(steps) <= MAX_STEP_DEVIATION * np.median(steps)),
         azimuth=math.degrees(np.median(turns)),
     )

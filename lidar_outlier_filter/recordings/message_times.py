@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.annotations import Ints
 
-LATEST = 2**63 - 1  # ns
-GAP = 2.0  # median distances: messages are missing in a longer one
+MAX_TIME_NS = 2**63 - 1  # ns
+GAP_MEDIANS = 2.0  # median distances: messages are missing in a longer one
 
 
 class MessageTimes:
     """The times of the messages of a topic, ns, in the order in which they were recorded."""
 
     def __init__(self, times: Iterable[int] = ()) -> None:
-        """Take times; more may be added."""
+        """Start with some times; more may be added."""
         self._times = array('q', times)
 
     def add(self, time: int) -> None:
         """Count a message."""
-        self._times.append(min(time, LATEST))
+        self._times.append(min(time, MAX_TIME_NS))
 
     @property
     def count(self) -> int:
@@ -72,7 +72,7 @@ class MessageTimes:
         usual, distances = self.usual, self._distances()
         if not usual > 0:
             return []
-        found = np.flatnonzero(distances > GAP * usual * SECOND)
+        found = np.flatnonzero(distances > GAP_MEDIANS * usual * SECOND)
         return [(self._times[i], int(distances[i])) for i in found]
 
     def _distances(self) -> Ints:

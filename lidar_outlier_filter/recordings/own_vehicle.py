@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-LOOK = SECOND * 9 // 100  # nanoseconds: about a turn
-FEWEST = 10  # looks from elsewhere
-LONGEST_REACH = 30.0  # metres
+TURN_NS = SECOND * 9 // 100  # nanoseconds: about a turn
+MIN_TURNS = 10  # looks from elsewhere
+MAX_REACH_M = 30.0  # metres
 
 
 @dataclass(frozen=True)
 class LearntMask:
-    """A mask, and what it was learnt from.
+    """A mask, and the clouds that it was learnt from.
 
     Attributes
     ----------
     topic : of the clouds
-    odometry : topic that said where the sensor was; empty: the scene did
+    odometry : topic of the poses; empty: movement was seen from the scene
     looks, taken : turns of the sensor, and those that count, as the vehicle had moved on
     refused : clouds that were refused
 
@@ -59,7 +59,7 @@ def learn_mask(
     reach: float = 10.0,
     progress: Callable[[int, int], object] = lambda _done, _total: None,
 ) -> LearntMask:
-    """Learn what stays at its direction and range while the vehicle moves.
+    """Learn the points that keep their direction and range while the vehicle moves.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def learn_mask(
         move in it.
 
     """
-    if not 0 < reach <= LONGEST_REACH:
-        must_be = f'above 0 and at most {LONGEST_REACH:g} m'
+    if not 0 < reach <= MAX_REACH_M:
+        must_be = f'above 0 and at most {MAX_REACH_M:g} m'
         raise RecordingError('the reach of the vehicle', must_be, reach)
     parameters = _with_odometry(recording, parameters)
     clouds = RecordedClouds(recording, parameters, topic, with_eyes=True)
@@ -91,9 +91,9 @@ def learn_mask(
         raise RecordingError(
             f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
         )
-    if learner.taken < FEWEST:
+    if learner.taken < MIN_TURNS:
         how = f'{STEP:g} m on by its odometry' if moved else f'{CHANGED:.0%} of what is far changed'
-        must_be = f'a drive with at least {FEWEST} turns of the sensor from elsewhere ({how})'
+        must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
         got = f'{learner.taken} of {learner.looks}: the vehicle does not move'
         raise RecordingError(f'the recording {recording}', must_be, got)
     return LearntMask(
@@ -117,7 +117,7 @@ def _with_odometry(recording: Path, parameters: FilterParameters) -> FilterParam
 
 
 def _looks(clouds: RecordedClouds) -> Iterator[tuple[Points, Floats | None]]:
-    """Join clouds to turns of the sensor; give each with the place of its first point."""
+    """Join clouds to turns of the sensor; yield each with the position of its first point."""
     parts: list[Points] = []
     place, first = None, 0
     for taken in clouds:
@@ -128,7 +128,7 @@ def _looks(clouds: RecordedClouds) -> Iterator[tuple[Points, Floats | None]]:
             first = cloud.first
             place = None if taken.eye is None else np.asarray(taken.eye[0, 0])
         parts.append(cloud.points.in_own_frame)
-        if not 0 <= cloud.last - first < LOOK:
+        if not 0 <= cloud.last - first < TURN_NS:
             yield concatenate(parts), place
             parts = []
     if parts:

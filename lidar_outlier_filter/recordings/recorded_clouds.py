@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The clouds of a recording as the filter's detectors get them, moved by its odometry or not."""
+"""The clouds of a recording as detectors receive them, moved by its odometry or not."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RecordedCloud:
-    """A cloud that the filter takes.
+    """A cloud that the filter accepts.
 
     Attributes
     ----------
-    cloud : its valid points as the detectors get them: moved, or not
+    cloud : its valid points as detectors receive them, moved or not
     msg : the message
     number : of the cloud in its topic, from 0
     eye : (M, 4, 3) float64 or None
@@ -52,7 +52,7 @@ class RecordedCloud:
 
 
 class RecordedClouds:
-    """The clouds of a topic that the filter takes; read again at each iteration.
+    """The clouds of a topic that the filter accepts; read again at each iteration.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class _Nothing(Chain):
 
 
 def _choose(source: Recording, topic: str | None) -> Topic:
-    """Find the topic of clouds that is named, or the only one; answers are none."""
+    """Find the topic of clouds that is named, or the only one that is not an output."""
     names = {channel.name: channel for channel in source.topics if channel.msgtype == CLOUD}
     answers = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
     inputs = [name for name in names if name not in answers]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording on a store such as S3, as a path: its bytes are read by ranges, none twice in a row.
 
-rosbags asks little of a path, and so do the checks of this package. Any file system of fsspec
-answers it. The file system is given: this module imports none.
+It has the methods of a path that rosbags and this package call, for any file system of fsspec.
+The file system is given: this module imports none.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BLOCKS = 8  # ranges that an open file keeps
 
 @contextmanager
 def reached(address: object) -> Iterator[None]:
-    """Refuse, in one sentence, an address that is not there, not ours or not reached."""
+    """Refuse, in one sentence, an address that is missing, forbidden or not reached."""
     try:
         yield
     except FilterError:
@@ -36,7 +36,7 @@ def reached(address: object) -> Iterator[None]:
 
 @contextmanager
 def written(address: object) -> Iterator[None]:
-    """Refuse, in one sentence, what could not be written to an address."""
+    """Refuse, in one sentence, an output that could not be written to an address."""
     try:
         yield
     except FilterError:
@@ -49,7 +49,7 @@ def written(address: object) -> Iterator[None]:
 class RemotePath:
     """A file or folder of ``system``, a file system of fsspec, under its ``key``.
 
-    What goes wrong on the way to it is a :class:`RecordingError`.
+    Any error of the file system becomes a :class:`RecordingError`.
     """
 
     system: Any
@@ -60,7 +60,7 @@ class RemotePath:
         return str(self.system.unstrip_protocol(self.key))
 
     def __truediv__(self, name: object) -> RemotePath:
-        """Name what is in the folder."""
+        """Return the path of an entry of the folder."""
         return RemotePath(self.system, f'{self.key}/{name}')
 
     @property
@@ -84,11 +84,11 @@ class RemotePath:
         return RemotePath(self.system, str(PurePosixPath(self.key).parent))
 
     def with_name(self, name: str) -> RemotePath:
-        """Name what lies beside it."""
+        """Return the path of another entry of its folder."""
         return RemotePath(self.system, str(PurePosixPath(self.key).with_name(name)))
 
     def exists(self) -> bool:
-        """Return whether it is there."""
+        """Return whether it exists."""
         with reached(self):
             return bool(self.system.exists(self.key))
 
@@ -103,13 +103,13 @@ class RemotePath:
             return bool(self.system.isfile(self.key))
 
     def iterdir(self) -> Iterator[RemotePath]:
-        """Give what is in the folder."""
+        """List the entries of the folder."""
         with reached(self):
             keys = self.system.ls(self.key, detail=False)
         return (RemotePath(self.system, key) for key in keys)
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        """Give what is in the folder and fits a pattern."""
+        """List the entries of the folder that match a pattern."""
         return (path for path in self.iterdir() if PurePosixPath(path.key).match(pattern))
 
     def stat(self, **_: bool) -> SimpleNamespace:
@@ -118,7 +118,7 @@ class RemotePath:
             return SimpleNamespace(st_size=int(self.system.info(self.key)['size']))
 
     def open(self, mode: str = 'rb') -> BinaryIO:
-        """Open it to be read by ranges, of which the last ones are kept."""
+        """Open it; it is read by ranges, and the last ones are cached."""
         with reached(self):
             opened = self.system.open(
                 self.key,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording through the filter of the node, without the node: nothing is dropped."""
+"""Filter a recording as the node would, without the node: nothing is dropped."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from lidar_outlier_filter.errors import NoCloudsError, ParameterError, Recording
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
-from lidar_outlier_filter.recordings.bags import LARGEST, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import MAX_MESSAGE_BYTES, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
 from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 
-OWN_CHUNK = 2**21  # bytes: a chunk that we write, beside a message that is longer
+OWN_CHUNK_BYTES = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """What became of a recording.
+    """Counts of a replayed recording.
 
     ``recorded`` and ``elapsed`` are seconds: the length of the recording, and the time that the
     replay took. ``unread`` messages are counted in the recording, but were not found in it.
-    ``lost`` is what could not be salvaged of it.
+    ``lost`` counts the losses of a salvaged recording.
     """
 
     output: RecordingPath
@@ -46,7 +46,7 @@ class ReplayReport:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every message is in the output, and every cloud has its answer."""
+        """Whether every message is in the output, and every cloud was filtered."""
         whole = self.unread == 0 and not self.lost.reasons
         return whole and not any(topic.refused for topic in self.topics)
 
@@ -59,13 +59,13 @@ def replay(  # noqa: PLR0913  what the command line offers
     *,
     drop_input: bool = False,
     salvage: bool = False,
-    largest: int = LARGEST,
+    largest: int = MAX_MESSAGE_BYTES,
     progress: Callable[[int, int], object] = lambda _done, _total: None,
     inform: Callable[[str], object] = str,
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
 
-    Answers have the bag time of their cloud. They stand behind it: first the cleaned, then the
+    Output clouds have the bag time of their cloud, and follow it: first the cleaned, then the
     outlier cloud.
 
     Parameters
@@ -75,7 +75,7 @@ def replay(  # noqa: PLR0913  what the command line offers
     topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them
     parameters : of the filter, by flat name
     drop_input : leave the clouds that are filtered out of the copy
-    salvage : filter what can be read of a damaged recording; what is lost is counted
+    salvage : filter the readable part of a damaged recording; losses are counted
     largest : bytes that a message, or a chunk of messages, may have
     progress : is called after each message: how many of how many have been read
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
@@ -99,7 +99,7 @@ def replay(  # noqa: PLR0913  what the command line offers
             if not isinstance(recording, Path):
                 raise RecordingError('a recording to salvage', 'on this machine', recording)
             path, lost = stack.enter_context(salvaged(recording, output, largest))
-            largest += OWN_CHUNK  # the copy has chunks of its own
+            largest += OWN_CHUNK_BYTES  # the copy has chunks of its own
         source = stack.enter_context(Recording(path, largest))
         bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
@@ -123,7 +123,7 @@ def _copy(
     dropped: Collection[Topic],
     progress: Callable[[int, int], object],
 ) -> int:
-    """Write what is not dropped, and the answers of all streams; count the messages read."""
+    """Write the messages that are kept, and all output clouds; count the messages read."""
     for topic in source.topics:
         if topic not in dropped:
             bag.add(topic)
@@ -147,7 +147,7 @@ def _copy(
 
 
 def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list[Topic]:
-    """Find topics of clouds, which errors call ``what``; none wanted: all of them.
+    """Find the requested topics of clouds, which errors call ``what``; without a request, all.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list
 
 
 def _check_answered(source: Recording, reports: Sequence[TopicReport]) -> None:
-    """Refuse to write a copy where every cloud was refused: it would have no answer at all."""
+    """Refuse to write a copy if every cloud was refused: it would have no output clouds."""
     clouds = sum(report.messages for report in reports)
     if clouds and clouds == sum(report.refused for report in reports):
         reasons = '; '.join(f'{one.topic}: {one.refused_because}' for one in reports if one.refused)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Copy what can be read of a damaged recording into a new bag that is complete.
+"""Copy the readable part of a damaged recording into a new, complete bag.
 
 MCAP files are read record by record, databases row by row, ROS 1 bags message by message, each
-until it cannot be read further. What is lost is counted.
+until it cannot be read further. Losses are counted.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _Item = tuple['Topic', int, bytes | None]
 
 @dataclass
 class Losses:
-    """What is lost of a recording, at least.
+    """Losses of a recording: lower limits.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Losses:
     expected: int = field(default=0, compare=False)
 
     def add(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
-        """Count what is lost at once."""
+        """Count one loss."""
         if len(self.reasons) < MAX_REASONS:
             self.reasons.append(printable(' '.join(reason.split())))
         else:
@@ -98,7 +98,7 @@ class Losses:
 
 @contextmanager
 def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Losses]]:
-    """Give a copy, in a hidden folder beside ``output``, of what can be read, and what is lost.
+    """Give a copy, in a hidden folder beside ``output``, of the readable part, and the losses.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Los
 
 
 def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) -> None:
-    """Write all that can be read into a new bag."""
+    """Write the readable messages into a new bag."""
     bag = _metadata(path, losses)
     zipped = str(bag.get('compression_mode')).lower() == 'message'
     topics: dict[tuple[str, str], Topic] = {}
@@ -330,7 +330,7 @@ def _records(chunk: Chunk) -> Iterator[McapRecord]:
 
 
 def _words(err: Exception) -> str:
-    """Quote an error; the end of a file has no words of its own."""
+    """Quote an error; that of an end of file has no text."""
     return '"the end of its bytes"' if isinstance(err, EndOfFile) else said_by(err)
 
 
@@ -398,7 +398,7 @@ def _database_topics(
 
 
 def _with_log(path: Path, folder: Path, losses: Losses) -> Path:
-    """Let SQLite take what is in the log beside a database into a copy of it."""
+    """Merge the log beside a database into a copy of it, by SQLite."""
     logs = [path.with_name(path.name + suffix) for suffix in _LOGS]
     logs = [log for log in logs if log.is_file() and log.stat().st_size]
     if not logs:

@@ -183,5 +183,5 @@ def test_nothing_is_left_beside(tmp_path: Path) -> None:
     assert len(columns(path)[0]) == COUNT
     assert [item.name for item in tmp_path.iterdir()] == ['tracks.sqlite']
     (tmp_path / 'tracks.sqlite-wal').write_bytes(b'rows')
-    with pytest.raises(CloudError, match='must be closed by who wrote it, got rows in tracks'):
+    with pytest.raises(CloudError, match='must be closed by its writer, got rows in tracks'):
         open_cloud(path)

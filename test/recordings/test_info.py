@@ -18,7 +18,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.judged_file import describe_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.info import look, scan_geometry
+from lidar_outlier_filter.recordings.info import describe_recording, scan_geometry
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -112,7 +112,7 @@ def test_real_sensors(  # noqa: PLR0913  a row of the table
     real_data: Path, name: str, lines: int, low: float, high: float, *, even: bool
 ) -> None:
     """Rings are as many, and as high, as the maker says."""
-    info = look(real_data / 'bags' / name)
+    info = describe_recording(real_data / 'bags' / name)
     (cloud,) = info.clouds.values()
     found = cloud.geometry
     assert found is not None
@@ -128,13 +128,16 @@ def test_real_sensors(  # noqa: PLR0913  a row of the table
 def test_the_defaults_reject_what_a_replay_rejects(recordings: Path, tmp_path: Path) -> None:
     """Where the sample is the recording, its counts are those of a replay."""
     path = recordings / 'bags' / 'vlp16_mrpt_mcap'
-    (cloud,) = look(path, sample=60).clouds.values()
+    (cloud,) = describe_recording(path, sample=60).clouds.values()
     assert (cloud.report,) == replay(path, tmp_path / 'out').topics
-    (short,) = look(path, sample=0.15).clouds.values()
+    (short,) = describe_recording(path, sample=0.15).clouds.values()
     assert short.report is not None
     assert short.report.messages == 2
     with Recording(path) as source:
-        assert sum(times.count for times in look(path, 0).topics.values()) == source.message_count
+        assert (
+            sum(times.count for times in describe_recording(path, 0).topics.values())
+            == source.message_count
+        )
 
 
 @pytest.fixture

@@ -51,10 +51,10 @@ LOADED = """
 import sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from lidar_outlier_filter.recordings.info import look
+from lidar_outlier_filter.recordings.info import describe_recording
 from lidar_outlier_filter.recordings.replay import replay
 if sys.argv[2] == 'info':
-    look(Path(sys.argv[1]))
+    describe_recording(Path(sys.argv[1]))
 else:
     replay(Path(sys.argv[1]), Path(sys.argv[2]))
 for name, module in list(sys.modules.items()):
@@ -232,7 +232,7 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
     for error, sentence, arguments in (
         (RecordingError, r'PointCloud2, got /text \(std_msgs/msg/String\), /door', (clouds, out)),
         (RecordingError, "one of /lidar, /lidar/cleaned, got '/text'", (source, out, ['/text'])),
-        (RecordingError, 'answer to /lidar must be a topic that', (source, out)),
+        (RecordingError, 'output topic of /lidar must be new', (source, out)),
         (ParameterError, r'alpha_beta_gamma\.before must be', (source, out, ['/lidar'], wrong)),
         (RecordingError, 'must be a new folder', (source, source, ['/lidar/cleaned'])),
     ):
@@ -298,7 +298,7 @@ import sys
 from pathlib import Path
 from lidar_outlier_filter.recordings.replay import replay
 
-def look(done, total):
+def describe_recording(done, total):
     if done % 1200 == 0:
         print(Path('/proc/self/status').read_text())
 

@@ -15,7 +15,7 @@ from helpers.damaged import FAST, content, write_recording
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters import yaml_files
-from lidar_outlier_filter.recordings.bags import LARGEST, MAX_ALIASES
+from lidar_outlier_filter.recordings.bags import MAX_ALIASES, MAX_MESSAGE_BYTES
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def test_nothing_of_an_input_is_run() -> None:
 def test_limits_are_those_of_the_page() -> None:
     """The limits that SECURITY.md gives are those of the code."""
     page = (ROOT / 'SECURITY.md').read_text('utf-8')
-    assert re.search(rf'uncompressed \| {LARGEST // 10**6} MB \|', page)
+    assert re.search(rf'uncompressed \| {MAX_MESSAGE_BYTES // 10**6} MB \|', page)
     assert f'aliases of a `metadata.yaml` | {MAX_ALIASES} |' in page
 
 

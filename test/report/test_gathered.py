@@ -30,7 +30,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag
-from lidar_outlier_filter.recordings.info import look
+from lidar_outlier_filter.recordings.info import describe_recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import steps, worst
@@ -230,7 +230,7 @@ def test_gaps_and_refused_clouds(tmp_path: Path) -> None:
     source = RecordedSource(tmp_path / 'drive', FilterParameters().changed(FAST))
     known = gather(source, ALL_BUT_0, MOST)
     shown = header(known)
-    (counted,) = look(tmp_path / 'drive').topics.values()
+    (counted,) = describe_recording(tmp_path / 'drive').topics.values()
     (topic_report,) = replay(tmp_path / 'drive', tmp_path / 'out', parameters=FAST).topics
     assert shown['gaps'] == [[pytest.approx(1.28), 0.45], [pytest.approx(0.77), 0.21]]
     assert counted.gaps == topic_report.gaps == len(shown['gaps'])
