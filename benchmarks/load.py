@@ -155,7 +155,8 @@ def _busy(process: psutil.Process) -> float:
 
 def measure(options: argparse.Namespace) -> int:
     """Run the processes, and print what becomes of the clouds."""
-    from helpers.live import Program, counter, diagnoser, environment, next_status
+    from helpers.live import counter, diagnoser, environment, next_status
+    from helpers.programs import Program
 
     env = environment() | {'PYTHONPATH': os.pathsep.join(sys.path[:2])}
     # As the node does: what the others need is taken from the filter's two cores.
@@ -176,10 +177,7 @@ def measure(options: argparse.Namespace) -> int:
         # The sensor has found the filter; until the filter has found the sensor, clouds are lost.
         time.sleep(2 * LOOK)
         programs = {'sensor': sensor, 'filter': node, 'listener': collecting}
-        processes = {
-            name: psutil.Process(program._process.pid)  # noqa: SLF001
-            for name, program in programs.items()
-        }
+        processes = {name: psutil.Process(program.pid) for name, program in programs.items()}
         busy = {name: -_busy(process) for name, process in processes.items()}
         sensor.send('go')
         begin = time.monotonic()

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -211,8 +212,8 @@ def test_a_cluster_that_runs(
     words = replaying(drives, tmp_path / 'out')
     with cluster() as (address, scheduler):
         words = replaying(drives, tmp_path / 'out', '--scheduler', address)
-        with signalling(signal.SIGKILL, scheduler.process.pid, 2, words) as one:
-            status, said = one.rest()
+        with signalling(signal.SIGKILL, scheduler.pid, 2, words) as one:
+            status, said = one.wait(), '\n'.join(one.output)
     assert status == 1
     assert f'the scheduler {address} must be there until the end, got no answer any more' in said
     assert 'Traceback' not in said
@@ -245,9 +246,9 @@ def test_ctrl_c_stops_and_continues(
     """No process and nothing hidden is left; the next run does the rest."""
     words = replaying(drives, tmp_path / 'out', '--jobs=2')
     with signalling(signal.SIGINT, OWN, 1, words) as one:
-        status, said = one.rest()
+        status, said = one.wait(), '\n'.join(one.output)
     assert (status, 'Traceback' in said) == (130, False), said
-    workers = [int(word) for word in said.splitlines()[-1].split()]
+    workers = [int(n) for line in one.output if re.fullmatch(r'[\d ]+', line) for n in line.split()]
     assert workers
     assert not survivors(workers)
     assert content(tmp_path / 'out').items() <= whole[drives].items()

@@ -18,8 +18,6 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import queue
-import subprocess
 import sys
 import threading
 import time
@@ -39,21 +37,18 @@ from rclpy.task import Future
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2
 
+from helpers import TESTS
+from helpers.programs import Program
 from lidar_outlier_filter.ros.executable import main as run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from types import TracebackType
-    from typing import Self
 
     from rclpy.node import Node
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds_large_clouds.xml'
-# Seconds until what a test waits for is given up; reached in failures only. Kernels take minutes
-# to compile beside other work. A little less than the time-out of a test: that says where it was.
-PATIENCE = 540.0
 # The same for a cloud that is on its way between two that are connected: nothing is compiled.
 ARRIVAL = 240.0
 CLOUD = 'sensor_msgs/msg/PointCloud2'
@@ -82,87 +77,10 @@ def environment() -> dict[str, str]:
     }
 
 
-class Program:
-    """A process that a test started: its lines are awaited, and it does not outlive the test."""
-
-    def __init__(self, *command: str | Path, env: Mapping[str, str]) -> None:
-        """Start Python with these arguments."""
-        self._process = subprocess.Popen(
-            [sys.executable, *map(str, command)],
-            env={**os.environ, 'PYTHONUNBUFFERED': '1', **env},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self.output: list[str] = []
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._reading = threading.Thread(target=self._read)
-        self._reading.start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line.rstrip('\n'))
-        self._lines.put(None)
-
-    def wait_for(self, text: str, patience: float = PATIENCE) -> str:
-        """Wait for the next line with this text in it, and return it."""
-        for line in self._rest(patience):
-            if text in line:
-                return line
-        raise AssertionError(f'ended without {text!r}:\n' + '\n'.join(self.output))
-
-    def _rest(self, patience: float = PATIENCE) -> Iterator[str]:
-        end = time.monotonic() + patience
-        while True:
-            try:
-                line = self._lines.get(timeout=max(0.0, end - time.monotonic()))
-            except queue.Empty:
-                raise AssertionError('no more lines:\n' + '\n'.join(self.output)) from None
-            if line is None:
-                return
-            self.output.append(line)
-            yield line
-
-    def signal(self, number: int) -> None:
-        """Send it a signal."""
-        self._process.send_signal(number)
-
-    def send(self, line: str) -> None:
-        """Write a line to its stdin."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(line + '\n')
-        self._process.stdin.flush()
-
-    def close(self) -> None:
-        """Close its stdin, which says the programs below to go."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-
-    def wait(self) -> int:
-        """Wait for its end; return the exit status. All it said is in ``output`` then."""
-        for _ in self._rest():
-            pass
-        return self._process.wait(PATIENCE)
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End it, if it has not ended."""
-        self._process.kill()
-        self._process.wait()
-        self._reading.join()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+def _start(*words: str | Path, env: Mapping[str, str]) -> Program:
+    """Start one of the programs of this file."""
+    paths = (str(TESTS), *filter(None, [env.get('PYTHONPATH') or os.environ.get('PYTHONPATH')]))
+    return Program(__file__, *words, env={**env, 'PYTHONPATH': os.pathsep.join(paths)})
 
 
 def publisher(
@@ -173,7 +91,7 @@ def publisher(
     It says 'published', if reliable when all has arrived. That somebody listens it learns before
     the listener does: what is sent best effort before that is lost.
     """
-    return Program(__file__, 'publish', qos, recording, topic, env=env)
+    return _start('publish', qos, recording, topic, env=env)
 
 
 def collector(
@@ -184,7 +102,7 @@ def collector(
     Each publisher learns of the collector at a time of its own, seconds later on a busy machine,
     and sends it nothing before: the node must say so, too, as :func:`filtering` does.
     """
-    return Program(__file__, 'collect', qos, folder, *topics, env=env)
+    return _start('collect', qos, folder, *topics, env=env)
 
 
 def filtering(*arguments: str, env: Mapping[str, str]) -> Program:
@@ -198,17 +116,17 @@ def filtering(*arguments: str, env: Mapping[str, str]) -> Program:
     env : added to the environment
 
     """
-    return Program(__file__, 'filter', '--ros-args', *arguments, env=env)
+    return _start('filter', '--ros-args', *arguments, env=env)
 
 
 def diagnoser(env: Mapping[str, str]) -> Program:
     """Start the program that says what is on /diagnostics."""
-    return Program(__file__, 'diagnose', env=env)
+    return _start('diagnose', env=env)
 
 
 def counter(topic: str, env: Mapping[str, str]) -> Program:
     """Start the program that counts; it says 'matched' when the topic has a publisher."""
-    return Program(__file__, 'count', topic, env=env)
+    return _start('count', topic, env=env)
 
 
 def next_status(program: Program) -> dict[str, Any]:

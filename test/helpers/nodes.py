@@ -22,7 +22,8 @@ from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud, table
-from helpers.live import KEEP_ALL, PATIENCE, new_domain
+from helpers.live import KEEP_ALL, new_domain
+from helpers.programs import PATIENCE
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME

@@ -23,7 +23,6 @@ from helpers.drives import ROW
 from helpers.labelled import write
 from helpers.live import (
     ARRIVAL,
-    Program,
     collector,
     diagnoser,
     environment,
@@ -31,6 +30,7 @@ from helpers.live import (
     next_status,
     publisher,
 )
+from helpers.programs import Program
 from helpers.replays import cloud as recorded
 from helpers.strangers import install, write_installed
 from helpers.watching import RELIABLE

@@ -8,7 +8,7 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from helpers.live import PATIENCE
+from helpers.programs import PATIENCE
 
 from lidar_outlier_filter.ros import live_parameters
 from lidar_outlier_filter.ros.live_parameters import NodeAccess

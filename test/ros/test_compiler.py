@@ -9,7 +9,7 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.live import PATIENCE
+from helpers.programs import PATIENCE
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.ros import compiler

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.clouds import SECOND
-from helpers.live import PATIENCE
 from helpers.nodes import (
     PLOTTED,
     Ros,
@@ -24,6 +23,7 @@ from helpers.nodes import (
     receive,
     wait_for_thread,
 )
+from helpers.programs import PATIENCE
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray

@@ -9,9 +9,9 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.live import PATIENCE
 from helpers.nodes import Ros, hold_up, line
 from helpers.overload import answers, send, start
+from helpers.programs import PATIENCE
 from rclpy.serialization import serialize_message
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ import pytest
 import rclpy
 from helpers.live import (
     ARRIVAL,
-    Program,
     clouds,
     collector,
     diagnoser,
@@ -23,6 +22,7 @@ from helpers.live import (
     publisher,
 )
 from helpers.nodes import flush, process
+from helpers.programs import Program
 from helpers.watching import fresh_copy
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
@@ -225,7 +225,7 @@ def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
     """Those of the middleware and a few for each core, whatever was compiled before."""
     with filter_process(tmp_path, environment(), '/**: {ros__parameters: {}}') as node:
         node.wait_for('is ready')
-        count = len(list(Path(f'/proc/{node._process.pid}/task').iterdir()))
+        count = len(list(Path(f'/proc/{node.pid}/task').iterdir()))
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
     assert count <= 20 + 4 * cores()

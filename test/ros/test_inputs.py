@@ -7,8 +7,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.live import PATIENCE
 from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
+from helpers.programs import PATIENCE
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 

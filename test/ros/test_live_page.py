@@ -15,8 +15,9 @@ from urllib.parse import urlsplit
 
 import pytest
 from helpers.browsers import chromium, new_tab
-from helpers.live import Program, environment
+from helpers.live import environment
 from helpers.nodes import Ros, Sensor
+from helpers.programs import Program
 from rclpy.executors import ExternalShutdownException
 
 from lidar_outlier_filter.cli.node import serve_page

@@ -7,8 +7,9 @@ from __future__ import annotations
 import signal
 
 import pytest
-from helpers.live import Program, environment
+from helpers.live import environment
 from helpers.nodes import Ros, Sensor, line, wait_for_kernels
+from helpers.programs import Program
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 

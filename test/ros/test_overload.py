@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.live import PATIENCE
 from helpers.nodes import Ros, hold_up, line, wait_for_thread
 from helpers.overload import answers, send, start
+from helpers.programs import PATIENCE
 from rclpy.serialization import serialize_message
 
 from lidar_outlier_filter.ros.backlog import Treatment
