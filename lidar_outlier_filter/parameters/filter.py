@@ -198,8 +198,7 @@ class FilterParameters:
         'outlier_detector_number (uint8), and outlier_reason (uint8) to both clouds.',
     )
     save_to: str = declare(
-        '',
-        'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.',
+        '', 'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.'
     )
     motion: MotionParameters = MotionParameters()
     load: LoadParameters = LoadParameters()

@@ -69,13 +69,7 @@ class LoadParameters:
 
 
 # Above these, and above the limit of the warning, the level is ERROR.
-ERROR_LIMITS = {
-    'delay': 1.5,
-    'unfiltered': 0.5,
-    'rejected': 0.9,
-    'untested': 1.0,
-    'silence': 10.0,
-}
+ERROR_LIMITS = {'delay': 1.5, 'unfiltered': 0.5, 'rejected': 0.9, 'untested': 1.0, 'silence': 10.0}
 
 
 @dataclass(frozen=True)

@@ -159,11 +159,7 @@ def is_singular(delta: Sequence[float], variance: Sequence[float], order: int) -
 
 
 def predict(
-    delta: Sequence[float],
-    z: Floats,
-    variance: Sequence[float],
-    own_variance: float,
-    order: int,
+    delta: Sequence[float], z: Floats, variance: Sequence[float], own_variance: float, order: int
 ) -> tuple[Floats, float]:
     """Predict z at δ = 0 from the other points: (15), and the second term of (16).
 

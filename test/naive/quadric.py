@@ -495,11 +495,7 @@ def section_window(points: Floats, first: int, last: int, section: int) -> Membe
 
 
 def sections(
-    points: Any,
-    cores: Sequence[tuple[int, int]],
-    section: int,
-    rules: Rules,
-    variance: Any = None,
+    points: Any, cores: Sequence[tuple[int, int]], section: int, rules: Rules, variance: Any = None
 ) -> list[float]:
     """Score points in tree order, by the ranges of the cores."""
     places = np.asarray(points, float)

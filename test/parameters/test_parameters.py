@@ -125,10 +125,7 @@ SENTENCES: list[tuple[Mapping[str, object], str]] = [
         'must be one of them at least order + 2 = 4, with sides: either, got 3 and 3',
     ),
     ({'max_delay': 0.5, 'block': 0.5}, 'max_delay must be at least block + halo + lateness = '),
-    (
-        {'time_jump': 0.1, 'lateness': 0.2},
-        'time_jump must be at least lateness = 0.2 s, got 0.1 s',
-    ),
+    ({'time_jump': 0.1, 'lateness': 0.2}, 'time_jump must be at least lateness = 0.2 s, got 0.1 s'),
     ({'points_per_second': 0.5}, 'points_per_second must be 0 or at least 1, got 0.5'),
 ]
 

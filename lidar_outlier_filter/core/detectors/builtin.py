@@ -21,11 +21,7 @@ class AlphaBetaGamma(Section):
     before: int = declare(3, 'Points of the window in front of the tested one.', '', 0, 1000)
     after: int = declare(3, 'Points of the window behind the tested one.', '', 0, 1000)
     order: int = declare(
-        1,
-        'Motion along the line: 2 with acceleration (α-β-γ), 1 without (α-β).',
-        '',
-        1,
-        2,
+        1, 'Motion along the line: 2 with acceleration (α-β-γ), 1 without (α-β).', '', 1, 2
     )
     significance: float = declare(
         1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
@@ -251,9 +247,7 @@ class BoostedTrees(Section):
 
 DEFAULT = 'boosted_trees'  # the chain
 # Detectors that explain their scores, each by an Explanation.
-EXPLANATIONS = {
-    'boosted_trees': f'{__package__}.boosted_trees.explanation:EXPLANATION',
-}
+EXPLANATIONS = {'boosted_trees': f'{__package__}.boosted_trees.explanation:EXPLANATION'}
 _EVERY = (
     Detector(
         name='alpha_beta_gamma',

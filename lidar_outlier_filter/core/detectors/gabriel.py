@@ -110,9 +110,7 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
     """Find the edges from points ``begin`` to ``end`` to points behind them in tree order."""
     ends, count = np.empty((4 * (end - begin) + 16, 2), np.int32), 0
     scratch = _Scratch(
-        np.empty(levels + 2, np.int64),
-        np.empty((PLANES, 8)),
-        np.empty(len(xyz), np.int32),
+        np.empty(levels + 2, np.int64), np.empty((PLANES, 8)), np.empty(len(xyz), np.int32)
     )
     for p in range(begin, end):
         found, planes = _find_candidates(xyz, tree, p, False, scratch)  # noqa: FBT003  numba
@@ -206,14 +204,7 @@ def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
 
 @inner_kernel
 def _add_plane(
-    planes: Floats,
-    kept: int,
-    x: float,
-    y: float,
-    z: float,
-    u: float,
-    v: float,
-    w: float,
+    planes: Floats, kept: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> int:
     """Sort the plane of (u, v, w), seen from (x, y, z), in by its distance; return how many."""
     a, b, c = u - x, v - y, w - z

@@ -254,13 +254,7 @@ def _densities(
 
 @inner_kernel
 def _density(
-    p: int,
-    lists: NDArray[np.int32],
-    row: int,
-    first: int,
-    last: int,
-    xyz: Floats,
-    square: Floats,
+    p: int, lists: NDArray[np.int32], row: int, first: int, last: int, xyz: Floats, square: Floats
 ) -> float:
     total = 0.0
     for m in range(first, last):

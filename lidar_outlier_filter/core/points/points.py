@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,18 +94,13 @@ class Points:
         """Choose points by index, mask or slice, in that order; ``allocate`` makes coordinates."""
         if not isinstance(index, slice) and index.dtype == np.bool_:
             index = np.flatnonzero(index)
-        return Points(
-            _rows(self.xyz, index, allocate),
-            self.t[index],
-            self.line[index],
-            self.valid[index],
-            None if self.sigma is None else self.sigma[index],
-            None if self.own is None else _rows(self.own, index, allocate),
-            None if self.intensity is None else self.intensity[index],
-            None if self.ring is None else self.ring[index],
-            None if self.fixed is None else self.fixed[index],
-            None if self.masked is None else self.masked[index],
-        )
+        columns: dict[str, Any] = {}
+        for name, column in vars(self).items():
+            if column is not None and column.ndim > 1:
+                columns[name] = _rows(column, index, allocate)
+            else:
+                columns[name] = None if column is None else column[index]
+        return Points(**columns)
 
 
 def _rows(
@@ -225,15 +220,11 @@ def concatenate(parts: Sequence[Points]) -> Points:
     if len(parts) == 1:
         return parts[0]
     if any(part.intensity is not None for part in parts):
-        parts = [_with_intensity(part) for part in parts]
-    columns: dict[str, Any] = {}
-    for field in fields(Points):
-        values = [getattr(part, field.name) for part in parts]
-        columns[field.name] = None if values[0] is None else np.concatenate(values)
-    return Points(**columns)
-
-
-def _with_intensity(points: Points) -> Points:
-    if points.intensity is not None:
-        return points
-    return replace(points, intensity=np.full(len(points), np.nan, np.float32))
+        parts = [
+            replace(part, intensity=np.full(len(part), np.nan, np.float32))
+            if part.intensity is None
+            else part
+            for part in parts
+        ]
+    every = zip(*(vars(part).values() for part in parts), strict=True)
+    return Points(*(None if one[0] is None else np.concatenate(one) for one in every))

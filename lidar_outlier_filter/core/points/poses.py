@@ -67,18 +67,10 @@ class Track:
     @staticmethod
     def compile() -> None:
         """Run the kernel once, so that it is ready for the first points."""
-        none, nowhere = np.empty(0, np.int64), np.zeros(3)
-        pose = np.zeros((1, 7))
-        _move(
-            np.empty((0, 3)),
-            none,
-            np.empty(0, np.bool_),
-            np.zeros(1, np.int64),
-            pose[:, :3],
-            pose[:, 3:],
-            nowhere,
-            np.eye(3),
-        )
+        track, zero = Track(1.0, 1.0), np.zeros(1, np.int64)
+        track.add(0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        point = Points(np.ones((1, 3)), zero, zero, np.ones(1, np.bool_))
+        track.move(point, Mounting(np.zeros(3), np.eye(3)))
 
     def add(self, t: int, pose: tuple[float, ...]) -> bool:
         """Add the next pose: t in nanoseconds; x, y, z in metres and a quaternion x, y, z, w.

@@ -38,13 +38,7 @@ UTM = np.array([389_512.25, 5_819_204.5, 34.125])
 
 def smoother(**changes: Any) -> AlphaBetaGamma:
     """Windows of 5 and 5 as in the paper, unless changed."""
-    paper = {
-        'before': 5,
-        'after': 5,
-        'order': 2,
-        'significance': 0.001,
-        'passes': 10,
-    }
+    paper = {'before': 5, 'after': 5, 'order': 2, 'significance': 0.001, 'passes': 10}
     return AlphaBetaGamma(**{**paper, **changes})
 
 

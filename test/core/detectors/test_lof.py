@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.neighbour_clouds import (
-    CLOUDS,
-)
+from helpers.neighbour_clouds import CLOUDS
 from naive import lof as naive
 from numpy.testing import assert_allclose, assert_array_equal
 

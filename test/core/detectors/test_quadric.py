@@ -137,11 +137,7 @@ def test_sections_against_loops(section: int) -> None:
     order = leaf_order(neighbourhood)
     parameters = Quadric(section=section)
     expected = naive.sections(
-        xyz[order],
-        tree_ranges(neighbourhood, section),
-        section,
-        rules(parameters),
-        variance[order],
+        xyz[order], tree_ranges(neighbourhood, section), section, rules(parameters), variance[order]
     )
     scores = quadric.detect(neighbourhood, parameters, variance)
     assert (scores > 1).any()

@@ -229,11 +229,7 @@ def _scores(
 
 @inner_kernel
 def _window_score(
-    standard: NDArray[np.float64],
-    m: int,
-    precision: NDArray[np.float64],
-    k: int,
-    critical: float,
+    standard: NDArray[np.float64], m: int, precision: NDArray[np.float64], k: int, critical: float
 ) -> float:
     """Divide the worst coordinate's statistic of one window by the critical value."""
     a = abs(standard[0, m]) * precision[0, k]

@@ -147,10 +147,7 @@ def _near_ends(
 
 @kernel
 def _in_tiles(
-    columns: NDArray[np.float64],
-    pad: int,
-    windows: Windows,
-    result: NDArray[np.float64],
+    columns: NDArray[np.float64], pad: int, windows: Windows, result: NDArray[np.float64]
 ) -> None:
     """Predict every point as if segments had no ends.
 
@@ -192,12 +189,7 @@ def _in_tiles(
 
 @inner_kernel
 def _add_pair(
-    columns: NDArray[np.float64],
-    here: int,
-    a: int,
-    b: int,
-    order: int,
-    sums: NDArray[np.float64],
+    columns: NDArray[np.float64], here: int, a: int, b: int, order: int, sums: NDArray[np.float64]
 ) -> None:
     """Add to each point of the tile that begins at ``here`` its fellows of those at a and b.
 
@@ -324,11 +316,7 @@ def _one_by_one(
 
 @inner_kernel
 def _sums(
-    columns: NDArray[np.float64],
-    k: int,
-    start: int,
-    link: NDArray[np.int64],
-    reach: int,
+    columns: NDArray[np.float64], k: int, start: int, link: NDArray[np.int64], reach: int
 ) -> tuple[Sums, int, int]:
     """Sum up to ``reach`` points along the links; return the sums, the next point and the count."""
     s0 = s1 = s2 = s3 = s4 = 0.0
