@@ -10,7 +10,7 @@ terrestrial lidar data" (2010), section 2.1. Times are int64 nanoseconds unless 
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
-from math import factorial, isnan, nan, pi, sqrt
+from math import isnan, nan, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -131,22 +131,16 @@ def normal_matrix(delta: Sequence[float], variance: Sequence[float], order: int)
     return np.array([[sums[r + c] for c in range(size)] for r in range(size)])
 
 
-def smoother_weights(delta: Sequence[float], variance: Sequence[float], order: int) -> Floats:
-    """Weights of the measurements, (11) to (14): rows a_i, b_i and (order 2) c_i.
+def smoother_weights(delta: Sequence[float], variance: Sequence[float], order: int) -> list[float]:
+    """Weights a_i of the measurements in the position, (11) to (14).
 
     ``delta`` are the times relative to the point in question, in seconds.
-
-    Erratum: with δ² in (13) and (14), c_i gives half the acceleration of the state equation (1),
-    in which the square of the time has the factor 1/2. Here c_i is doubled, so that (7) and (10)
-    are the acceleration and its variance.
     """
     inverse = np.linalg.inv(normal_matrix(delta, variance, order)).tolist()
-    answer = np.zeros((order + 1, len(delta)))
-    for row in range(order + 1):
-        for i, (d, v) in enumerate(zip(delta, variance, strict=True)):
-            polynomial = sum(inverse[j][row] * d**j for j in range(order + 1))
-            answer[row, i] = factorial(row) * polynomial / v
-    return answer
+    return [
+        sum(inverse[j][0] * d**j for j in range(order + 1)) / v
+        for d, v in zip(delta, variance, strict=True)
+    ]
 
 
 def is_singular(delta: Sequence[float], variance: Sequence[float], order: int) -> bool:
@@ -166,7 +160,7 @@ def predict(
     As in the paper the window with the tested point, i = 0, gives the weights; a_0 is then taken
     out of them. Its measurement is not asked for: (15) leaves it out.
     """
-    weights = smoother_weights([0.0, *delta], [own_variance, *variance], order)[0]
+    weights = smoother_weights([0.0, *delta], [own_variance, *variance], order)
     rest = 1.0 - weights[0]
     position = np.zeros(3)
     spread = 0.0

@@ -227,4 +227,5 @@ def concatenate(parts: Sequence[Points]) -> Points:
             for part in parts
         ]
     every = zip(*(vars(part).values() for part in parts), strict=True)
-    return Points(*(None if one[0] is None else np.concatenate(one) for one in every))
+    columns: list[Any] = [None if one[0] is None else np.concatenate(one) for one in every]
+    return Points(*columns)
