@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive twin against numbers worked out by hand: who else would test the reference."""
 
-import math
-from math import nan, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -55,29 +54,6 @@ def test_segment_ends_only_above_the_gap_factor() -> None:
     assert naive.segments([0, 10, 20, 36], [0] * 4, 1.5) == [0, 0, 0, 1]
 
 
-def angle_lines(*degrees: float) -> list[int]:
-    """Give the lines of angles in degrees."""
-    return naive.angle_lines([math.radians(one) for one in degrees])
-
-
-def test_a_line_begins_where_the_angle_wraps() -> None:
-    """At any time where the step is more than half a turn; the first angle ever is no wrap."""
-    assert angle_lines() == []
-    assert angle_lines(170) == [0]
-    assert angle_lines(170, -170) == [0, 1]
-    assert angle_lines(350, 10, 20) == [0, 1, 1]
-    assert angle_lines(90, -90, 90) == [0, 0, 0]
-
-
-def test_a_line_begins_where_the_angle_jumps_back() -> None:
-    """Once the steps have gone 30° one way, a jump back by more than that begins a line."""
-    assert angle_lines(0, 20, 40, 5, 25) == [0, 0, 0, 1, 1]
-    assert angle_lines(0, -20, -40, -5, -25) == [0, 0, 0, 1, 1]
-    assert angle_lines(0, 20, 40, 10, 30) == [0] * 5  # 30°, no more
-    assert angle_lines(0, 20, 29, -10, 10) == [0] * 5  # no sense yet
-    assert angle_lines(0, 20, 40, 110, 180) == [0] * 5  # forwards
-
-
 # Windows ----------------------------------------------------------------------------------------
 
 
@@ -99,41 +75,6 @@ def test_centred_window_is_shifted_inwards(p: int, m: int, window: list[int]) ->
 
 
 # The smoother -----------------------------------------------------------------------------------
-
-
-def weights_of_prediction(
-    delta: list[float], variance: list[float], own: float, order: int
-) -> tuple[NDArray[np.float64], float]:
-    """Predict unit impulses at the points one by one: the weights of (15), and q."""
-    weights, q = [], nan
-    for i in range(len(delta)):
-        impulse = np.zeros((len(delta), 3))
-        impulse[i] = 1.0
-        position, q = naive.predict(delta, impulse, variance, own, order)
-        weights.append(position[0])
-    return np.array(weights), q
-
-
-PREDICTIONS = {
-    # a without its middle, over 1 - 17/35; q = a_0 / (1 - a_0) = 17/18
-    'five equidistant': ([-2.0, -1.0, 1.0, 2.0], 2, [-1 / 6, 2 / 3, 2 / 3, -1 / 6], 17 / 18),
-    # 2 z(-1) - z(-2), and the third difference is 0: 3 z(-1) - 3 z(-2) + z(-3)
-    'end of a line': ([-2.0, -1.0], 1, [-1.0, 2.0], 5.0),
-    'end of a parabola': ([-3.0, -2.0, -1.0], 2, [1.0, -3.0, 3.0], 19.0),
-    # interpolation between -1 and 2; Lagrange's polynomials of -1, 1, 2 at 0
-    'irregular line': ([-1.0, 2.0], 1, [2 / 3, 1 / 3], 5 / 9),
-    'irregular parabola': ([-1.0, 1.0, 2.0], 2, [1 / 3, 1.0, -1 / 3], 11 / 9),
-}
-
-
-@pytest.mark.parametrize('name', PREDICTIONS)
-@pytest.mark.parametrize('own', [1.0, 100.0])
-def test_prediction(name: str, own: float) -> None:
-    """(15) and the second term of (16), whatever the tested point's own variance is."""
-    delta, order, weights, q = PREDICTIONS[name]
-    got, got_q = weights_of_prediction(delta, [1.0] * len(delta), own, order)
-    assert_allclose(got, weights, atol=1e-12)
-    assert got_q == pytest.approx(q, rel=1e-12)
 
 
 # Passes -----------------------------------------------------------------------------------------

@@ -21,22 +21,6 @@ def test_two_loose_points_behind_two_close_ones() -> None:
     assert naive.local_outlier_factors(cloud, 1) == [1, 1, 2, 2]
 
 
-def test_the_reach_distance_is_the_larger_of_two() -> None:
-    """With k = 2 of 0, 1, 3, 7: k-distances 3, 2, 3, 6.
-
-    Mean reach distances: 0 to 1, 3: (2 + 3) / 2; 1 to 0, 3: (3 + 3) / 2; 3 to 0, 1, which are
-    3 and 2 away: (3 + 2) / 2; 7 to 3, 1, which are 4 and 6 away: (4 + 6) / 2.
-    """
-    cloud = on_a_line(0, 1, 3, 7)
-    expected = [
-        2.5 * (1 / 3 + 1 / 2.5) / 2,
-        3 * (1 / 2.5 + 1 / 2.5) / 2,
-        2.5 * (1 / 2.5 + 1 / 3) / 2,
-        5 * (1 / 2.5 + 1 / 3) / 2,
-    ]
-    assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
-
-
 def test_ties_are_neighbours_too() -> None:
     """With k = 1: the point at 0 has two neighbours, 2 away: densities 1/2, 1/2, 1, 1.
 
@@ -58,10 +42,3 @@ def test_more_coincident_points_than_k() -> None:
     stack = (2 / 2.5 + 1 / 3 + 4 / 11) / 4 * 2.5
     expected = [stack, stack, stack, 3 / 2.5, (3 / 2.5 + 1 / 3) / 4 * 11 / 4]
     assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
-
-
-def test_scores() -> None:
-    """Factors 1, 1, 2, 2 have the median 1.5, from which each is 0.5 away."""
-    cloud = on_a_line(0, 1, 3, 7)
-    assert naive.scores(cloud, 1, 1.25, 'lof') == [0.8, 0.8, 1.6, 1.6]
-    assert naive.scores(cloud, 1, 0.25, 'lof2') == [2, 2, 2, 2]

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 import pytest
 
 from naive import sor as naive
@@ -19,25 +17,9 @@ def on_a_line(*x: float) -> list[tuple[float, float, float]]:
 FOUR = on_a_line(0, 1, 2, 7)  # mean distances to two others: 1.5, 1, 1.5, 5.5
 
 
-def test_sor() -> None:
-    """Mean 2.375, squared deviations 0.765625, 1.890625, 0.765625, 9.765625: variance 13.1875/3."""
-    limit = 2.375 + 0.5 * sqrt(13.1875 / 3)
-    expected = [1.5 / limit, 1 / limit, 1.5 / limit, 5.5 / limit]
-    assert naive.sor(FOUR, 2, 0.5) == pytest.approx(expected, rel=1e-15)
-    assert naive.sor(FOUR, 2, 0.0) == pytest.approx(
-        [1.5 / 2.375, 1 / 2.375, 1.5 / 2.375, 5.5 / 2.375], rel=1e-15
-    )
-
-
 def test_sor2() -> None:
     """The median is 1.5, from which the mean distances are 0, 0.5, 0 and 4 away."""
     assert naive.sor2(FOUR, 2, 0.5) == [0, 1, 0, 8]
-
-
-def test_radius() -> None:
-    """The second other is 2, 1, 2, 6 away; at exactly the radius it is within."""
-    assert naive.radius(FOUR, 2, 2.0) == [1, 0.5, 1, 3]
-    assert [naive.neighbours_within(FOUR, p, 2.0) for p in range(4)] == [2, 2, 2, 0]
 
 
 def test_limits_that_grow_with_the_range() -> None:

@@ -95,27 +95,14 @@ def ties(rng: np.random.Generator) -> Points:
     return points(t, noisy(curve(t), rng, 8))
 
 
-def duplicates(rng: np.random.Generator) -> Points:
-    """Points sent twice: the same time, the same place."""
-    once = smooth(rng)
-    return once.take(np.sort(np.concatenate([np.arange(150), np.arange(3, 150, 4)])))
-
-
 def short_segments(rng: np.random.Generator) -> Points:
-    """Segments of 1 to 12 points, on three lines that arrive mixed."""
+    """Segments of 1 to 12 points, on three lines of odd numbers that arrive mixed."""
     lengths = np.concatenate([rng.permutation(np.arange(1, 13)) for _ in range(2)])
     gaps = np.repeat(np.arange(len(lengths)) * 4, lengths)
     t = (np.arange(len(gaps)) + gaps) * SHOT
-    line = np.repeat(np.arange(len(lengths)) % 3, lengths)
+    line = (np.repeat(np.arange(len(lengths)) % 3, lengths) - 1) * 10**12
     mixed = rng.permutation(len(t))
     return points(t, noisy(curve(t), rng, 12), line).take(mixed)
-
-
-def small_lines(rng: np.random.Generator) -> Points:
-    """Lines of 1 to 14 points, negative and far-apart numbers, two rings firing in turn."""
-    line = np.repeat(rng.permutation(np.arange(-7, 7)) * 10**12, np.arange(1, 15))
-    t = np.arange(len(line)) * SHOT
-    return points(t, noisy(curve(t), rng, 8), line)
 
 
 def utm(rng: np.random.Generator) -> Points:
@@ -124,13 +111,7 @@ def utm(rng: np.random.Generator) -> Points:
     return replace(cloud, xyz=cloud.xyz + UTM, t=cloud.t + 1_726_000_000_123_456_789)
 
 
-CLOUDS = {
-    make.__name__: make
-    for make in (
-        *(smooth, corners, irregular, ties, duplicates),
-        *(short_segments, small_lines, utm),
-    )
-}
+CLOUDS = {make.__name__: make for make in (smooth, corners, irregular, ties, short_segments, utm)}
 
 
 def with_own_sigma(cloud: Points, rng: np.random.Generator) -> Points:

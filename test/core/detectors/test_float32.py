@@ -45,8 +45,7 @@ def test_a_far_point_says_nothing() -> None:
     xyz[::3] = 9e8
     assert not too_coarse(xyz, valid, (True, True, True))
     xyz[::2] = 9e8
-    valid[::2] = False
-    valid[::3] = False
+    valid[::2] = valid[::3] = False
     assert not too_coarse(xyz, valid, (True, True, True))
     assert not too_coarse(xyz, np.zeros(100, np.bool_), (True, True, True))
 

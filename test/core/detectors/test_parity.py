@@ -8,9 +8,9 @@ are those that their own tests expect.
 
 from __future__ import annotations
 
-import struct
 from typing import TYPE_CHECKING
 
+import laspy
 import numpy as np
 import pytest
 from helpers.neighbour_clouds import corner, scattered, sheet
@@ -39,26 +39,16 @@ def first_sweep(path: Path) -> Floats:
     return xyz[is_return(xyz)]
 
 
-def ascii_pcd(path: Path) -> Floats:
-    """Read the first three columns of a PCD file in text form; their type is float32."""
-    _, _, table = path.read_text().partition('DATA ascii\n')
-    rows = [line.split()[:3] for line in table.splitlines()]
-    return np.array(rows, np.float32).astype(np.float64)
+def bunny(data: Path) -> Floats:
+    """Read PCL's bunny, a PCD file in text form; its type is float32."""
+    table = (data / 'clouds' / 'bun0.pcd').read_text().partition('DATA ascii\n')[2]
+    return np.loadtxt(table.splitlines(), np.float32, usecols=(0, 1, 2)).astype(np.float64)
 
 
-def las(path: Path) -> Floats:
-    """Read the coordinates of a LAS file of version 1.2."""
-    data = path.read_bytes()
-    offset, _, _, length, count = struct.unpack_from('<IIBHI', data, 96)
-    scale, shift = np.array(struct.unpack_from('<6d', data, 131)).reshape(2, 3)
-    points = [struct.unpack_from('<3i', data, offset + i * length) for i in range(count)]
-    xyz: Floats = np.array(points) * scale + shift
+def autzen(data: Path) -> Floats:
+    """Read PDAL's piece of Autzen."""
+    xyz: Floats = np.array(laspy.read(data / 'clouds' / 'autzen-point-format-3.las').xyz)
     return xyz
-
-
-def local_outlier_factors(xyz: Floats, k: int) -> Floats:
-    """Compute LOF with the package."""
-    return lof.detect(Neighbourhood(xyz, k), Lof(min_pts=k, threshold=1.0))
 
 
 def differences(xyz: Floats, k: int) -> Floats:
@@ -73,7 +63,8 @@ def differences(xyz: Floats, k: int) -> Floats:
     for _ in range(2):
         concerned = concerned | concerned[index].any(axis=1)
     clear = neighbourhood.order[~concerned]
-    difference: Floats = local_outlier_factors(xyz, k)[clear] / expected[clear] - 1
+    factors = lof.detect(neighbourhood, Lof(min_pts=k, threshold=1.0))
+    difference: Floats = factors[clear] / expected[clear] - 1
     assert len(difference) > 0.99 * len(xyz)
     return np.abs(difference)
 
@@ -90,9 +81,7 @@ def test_lof_of_sweeps(recordings: Path, recording: str) -> None:
 def test_lof_of_small_clouds(real_data: Path, k: int) -> None:
     """scikit-learn's factors with other numbers of neighbours, in metres and in feet."""
     clouds = [make(np.random.default_rng(k)) for make in (scattered, sheet, corner)]
-    clouds.append(ascii_pcd(real_data / 'clouds' / 'bun0.pcd'))
-    clouds.append(las(real_data / 'clouds' / 'autzen-point-format-3.las'))
-    for xyz in clouds:
+    for xyz in (*clouds, bunny(real_data), autzen(real_data)):
         assert differences(xyz, k).max() < 1e-6
 
 
@@ -104,7 +93,7 @@ def kept(xyz: Floats, parameters: Sor) -> int:
 
 def test_counts_of_pcl(real_data: Path) -> None:
     """StatisticalOutlierRemoval (50, 1.0) and RadiusOutlierRemoval (0.02, 14) on its bunny."""
-    xyz = ascii_pcd(real_data / 'clouds' / 'bun0.pcd')
+    xyz = bunny(real_data)
     assert len(xyz) == 397
     assert kept(xyz, Sor(k=50, multiplier=1.0)) == 352
     assert kept(xyz, Sor(statistic='radius', radius=0.02, min_neighbors=14)) == 307
@@ -112,7 +101,7 @@ def test_counts_of_pcl(real_data: Path) -> None:
 
 def test_counts_of_pdal(real_data: Path) -> None:
     """Statistical (mean_k, multiplier) and radius (radius, min_k) on a piece of Autzen."""
-    xyz = las(real_data / 'clouds' / 'autzen-point-format-3.las')
+    xyz = autzen(real_data)
     assert len(xyz) == 106
     assert kept(xyz, Sor(k=2, multiplier=1.5)) == 96
     assert kept(xyz, Sor(k=5, multiplier=0.0)) == 63
