@@ -28,6 +28,7 @@ from real_snow_sweeps import read_sweeps as read_wads
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.compiling import make_ready
 from lidar_outlier_lab.results.markdown import table, write
 from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES
@@ -260,8 +261,8 @@ def main() -> int:
     parser.add_argument('--sweeps', type=int, default=20, help='of the drive in real snow')
     parser.add_argument('--write', action='store_true')
     options = parser.parse_args()
+    make_ready(FilterParameters())
     chain = Chain(FilterParameters())
-    chain.compile()
     rows = []
     snow = [in_snow(options.wads, options.sweeps)] if options.wads else []
     for drives in (simulated(options.turns), snow, recorded(options.data)):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, progress_bar, say
-from lidar_outlier_filter.core.kernels.compile_listeners import listeners
+from lidar_outlier_filter.core.kernels import listeners
 
 if TYPE_CHECKING:
     import argparse
@@ -45,30 +45,29 @@ def add_compile(commands: Commands) -> None:
 
 
 def _compile(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.core.kernels import kernel_cache
-    from lidar_outlier_filter.pipeline.compiling import Processes, load, shares
+    from lidar_outlier_filter.core.kernels.kernel_cache import complaints
+    from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, load, shares
 
-    # What is on disk already, in whatever order it was written, is not done again.
-    wanted = _wanted(options.chain)
-    missing = [one for one in wanted if not load(one, explain=True)]
-    work = list(dict.fromkeys(share for one in missing for share in shares(one)))
-    errors: list[str] = []
+    wanted, work = _wanted(options.chain), list[KernelShare]()
+    for parameters in wanted:
+        # What is on disk already, in whatever order it was written, is not done again.
+        if not load(parameters, explain=True):
+            work += [share for share in shares(parameters) if share not in work]
     processes = Processes(explain=True)
-    if work:
-        with progress_bar('compiling') as bar:
+    with progress_bar('compiling') as bar:
 
-            def advance(done: int, total: int, text: str) -> None:
-                bar(done, total, text)
-                if not sys.stderr.isatty():
-                    say(f'compiled {done} of {total}: {text}')
+        def advance(done: int, total: int, text: str) -> None:
+            bar(done, total, text)
+            if not sys.stderr.isatty():
+                say(f'compiled {done} of {total}: {text}')
 
-            bar(0, len(work), work[0].text)
-            try:
-                errors = processes.run(work, advance)
-            except KeyboardInterrupt:
-                processes.stop()
-                raise
-    for sentence in [*errors, *kernel_cache.complaints]:
+        bar(0, len(work))
+        try:
+            errors = processes.run(work, advance)
+        except KeyboardInterrupt:
+            processes.stop()
+            raise
+    for sentence in [*errors, *complaints]:
         say(sentence)
     if not errors:
         names = dict.fromkeys(name for one in wanted for name in one.chain)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled kernels for a chain: run in this process, read from disk, or made by processes beside.
+"""Compiled kernels for a chain: run in this process, read from disk, or made by other processes.
 
 As a program it reads one share of the work from stdin, and compiles it.
 """
@@ -13,13 +13,17 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.threads import cores
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import Track
 from lidar_outlier_filter.core.scan_pattern import recovered_rings
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -27,20 +31,26 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.visibility import compile_watch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
+SENSORS = ('profile', 'spinning')  # whose points are judged by different kernels
+COUNT = 128  # points: enough for each detector of the defaults to judge them
+RINGS = 4
 SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
 _ready: set[tuple[object, ...]] = set()  # what chooses kernels, of chains ready in this process
 
 
-@dataclass(frozen=True)
-class KernelShare:
-    """What one process compiles: a detector with its parameters, for some kinds of sensors."""
+class NotCompiled(Exception):  # noqa: N818  no error: an answer
+    """A kernel would have to be compiled."""
+
+
+class KernelShare(NamedTuple):
+    """What one process compiles: a detector, its parameters that are not defaults, and sensors."""
 
     detector: str
-    values: tuple[tuple[str, object], ...]
+    values: dict[str, object]
     sensors: tuple[str, ...]
 
     @property
@@ -49,9 +59,19 @@ class KernelShare:
         return self.detector if self.sensors == SENSORS else f'{self.detector}, {self.sensors[0]}'
 
 
+def kernels_of(parameters: FilterParameters) -> tuple[object, ...]:
+    """Return what chooses kernels: the detectors, and which of their variants."""
+    chosen = [
+        (name, value)
+        for name, value in parameters.flat().items()
+        if name.partition('.')[0] in parameters.chain and isinstance(value, str | bool)
+    ]
+    return (parameters.chain, parameters.vote > 0, parameters.scores, *chosen)
+
+
 def is_ready(parameters: FilterParameters) -> bool:
     """Return whether this process has all kernels of a chain."""
-    return _kind(parameters) in _ready
+    return kernels_of(parameters) in _ready
 
 
 def make_ready(
@@ -65,36 +85,50 @@ def make_ready(
     compile_watch()
     Track.compile()
     recovered_rings.compile_kernels()
-    Chain(parameters).compile(sensors, explain=explain)
+    chain = Chain(parameters)
+    for points in (points for sensor in sensors for points in _samples(sensor)):
+        chain.judge(points)
+        for name in parameters.chain:
+            if explain and name in explanations():
+                seen = DetectorInput(points, parameters, chain.neighbours)
+                explanations()[name].explain(seen, parameters, points.valid)
     if tuple(sensors) == SENSORS:
-        _ready.add(_kind(parameters))
+        _ready.add(kernels_of(parameters))
 
 
 def load(parameters: FilterParameters, *, explain: bool = False) -> bool:
     """Run the kernels of a chain once; return False where one would have to be compiled."""
     if is_ready(parameters) and not explain:
         return True
+    asking = threading.get_ident()
+
+    def refuse(_module: str) -> None:
+        if threading.get_ident() == asking:
+            raise NotCompiled
+
+    listeners.insert(0, refuse)  # nobody is called for what is not compiled
     try:
-        with only_compiled():
-            make_ready(parameters, explain=explain)
+        make_ready(parameters, explain=explain)
     except NotCompiled:
         return False
+    finally:
+        listeners.remove(refuse)
     return True
 
 
 def shares(parameters: FilterParameters) -> list[KernelShare]:
     """Cut the work for a chain into parts that can be done side by side."""
-    found = []
-    flat, default = parameters.flat(), FilterParameters().flat()
-    for name in parameters.chain:
-        values = {
-            key: value for key, value in flat.items() if key == SCORES or key.startswith(f'{name}.')
+    default, found = FilterParameters().flat(), []
+    changed = {name: value for name, value in parameters.flat().items() if value != default[name]}
+    for detector in parameters.chain:
+        given = {
+            name: value
+            for name, value in changed.items()
+            if name == SCORES or name.startswith(f'{detector}.')
         }
-        changed = {key: value for key, value in values.items() if value != default[key]}
-        given = tuple(sorted(changed.items()))
-        by_sensor = 'ring' in DETECTORS[name].columns(parameters)
+        by_sensor = 'ring' in DETECTORS[detector].columns(parameters)
         parts = [(sensor,) for sensor in SENSORS] if by_sensor else [SENSORS]
-        found += [KernelShare(name, given, part) for part in parts]
+        found += [KernelShare(detector, given, part) for part in parts]
     return found
 
 
@@ -102,18 +136,18 @@ class Processes:
     """Compiles shares in processes of their own, as many at once as there are cores."""
 
     def __init__(self, *, patient: bool = False, explain: bool = False) -> None:
-        """Begin with none; patient ones leave the processor to others."""
+        """Start none yet; patient ones leave the processor to others."""
+        self.is_stopped = False
         self._patient, self._explain = patient, explain
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[str]] = set()
-        self._stopped = False
 
     def run(
         self,
         work: Sequence[KernelShare],
         progress: Callable[[int, int, str], object] = lambda _done, _total, _text: None,
     ) -> list[str]:
-        """Compile all; return what went wrong, a sentence for each share that failed."""
+        """Compile all shares; return a sentence for each one that failed."""
         done = 0
 
         def one(share: KernelShare) -> str:
@@ -128,16 +162,16 @@ class Processes:
             return [error for error in pool.map(one, work) if error]
 
     def stop(self) -> None:
-        """End all, and begin no other."""
+        """Kill all processes, and start no other."""
         with self._lock:
-            self._stopped = True
+            self.is_stopped = True
             for process in self._running:
                 process.kill()
 
     def _compile(self, share: KernelShare) -> str:
         paths = os.pathsep.join(path for path in sys.path if path)
         with self._lock:
-            if self._stopped:
+            if self.is_stopped:
                 return ''
             process = subprocess.Popen(  # noqa: S603  this very module
                 [sys.executable, '-P', '-m', __name__, str(PATIENT * self._patient)],
@@ -149,30 +183,47 @@ class Processes:
                 start_new_session=True,  # the signals that end this one are not for them
             )
             self._running.add(process)
-        work = [share.detector, share.values, share.sensors, self._explain]
-        _, said = process.communicate(json.dumps(work))
+        _, said = process.communicate(json.dumps([*share, self._explain]))
         with self._lock:
             self._running.discard(process)
-            if process.returncode == 0 or self._stopped:
+            if process.returncode == 0 or self.is_stopped:
                 return ''
         last = said.strip().rpartition('\n')[2] or f'exit status {process.returncode}'
         return f'{share.text} could not be compiled beside: {last}'
 
 
-def _kind(parameters: FilterParameters) -> tuple[object, ...]:
-    """Return what chooses kernels: the detectors, and which of their variants."""
-    chosen = [
-        (name, value)
-        for name, value in parameters.flat().items()
-        if name.partition('.')[0] in parameters.chain and isinstance(value, str | bool)
-    ]
-    return (parameters.chain, parameters.vote > 0, parameters.scores, *chosen)
+def _samples(sensor: str) -> Iterator[Points]:
+    """Yield small clouds of a sensor, in the layouts of memory that a stream gives."""
+    t = np.arange(COUNT) * 1000
+    if sensor == 'profile':
+        xyz = np.zeros((COUNT, 3))
+        xyz[:, 0] = np.arange(COUNT)
+        xyz[COUNT // 2, 2] = 10.0
+        # Two lines without a scan pattern: these are judged by their nearest neighbours.
+        points = Points(xyz, t, np.arange(COUNT) // (COUNT // 2), np.ones(COUNT, np.bool_))
+        for order in (np.arange(COUNT), np.arange(COUNT)[::-1]):
+            yield points.take(order)
+        # In whole turns, around a scanner that moves on: these have a scan pattern.
+        yield replace(_turns(), t=t)
+    else:
+        bright = np.ones(COUNT, np.float32)
+        yield replace(_turns(), t=np.tile(t[: COUNT // RINGS], RINGS), intensity=bright)
+
+
+def _turns() -> Points:
+    """Return lines of one turn each, one above the other, without times."""
+    each = COUNT // RINGS
+    turned, line = np.linspace(0.0, 6.0, each), np.repeat(np.arange(RINGS), each)
+    level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(each)])
+    xyz = np.tile(level, (RINGS, 1))
+    xyz[:, 2] = 0.1 * line
+    return Points(xyz, np.zeros(COUNT, np.int64), line, np.ones(COUNT, np.bool_))
 
 
 def _main() -> None:
     os.nice(int(sys.argv[1]))
     detector, values, sensors, explain = json.load(sys.stdin)
-    parameters = FilterParameters().changed({**dict(values), 'chain': (detector,)})
+    parameters = FilterParameters().changed({**values, 'chain': (detector,)})
     make_ready(parameters, sensors, explain=explain)
 
 

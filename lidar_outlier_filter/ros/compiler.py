@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from lidar_outlier_filter.core.kernels import kernel_cache
 from lidar_outlier_filter.pipeline.compiling import (
     Processes,
     is_ready,
+    kernels_of,
     load,
     make_ready,
     shares,
@@ -45,12 +47,12 @@ class Compiler:
         self._lock = threading.RLock()
         self._wanted: FilterParameters | None = None
         self._now: FilterParameters | None = None  # whose chain filters until then
-        self._thread: threading.Thread | None = None
-        self._processes = Processes()
+        self._processes = Processes()  # of the work that is not cancelled
+        self._thread = threading.Thread()
 
     @property
     def reply(self) -> str:
-        """Say what answers until what was set is in force; empty where it is, or nothing does."""
+        """Say what filters until new parameters are in force; empty if they are, or none are."""
         wanted, now = self._wanted, self._now
         if wanted is None or now is None:
             return ''
@@ -63,14 +65,15 @@ class Compiler:
         """Call ``ready`` with these when their kernels are; at once, if they are now."""
         with self._lock:
             before, self._wanted = self._wanted, parameters
-            if before is not None and shares(before) != shares(parameters):
-                self._processes.stop()
             if is_ready(parameters):
+                self._processes.stop()
                 self._take_over(parameters)
-                return
-            self.compiling = f'loading the kernels of {", ".join(parameters.chain)}'
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name='compile', daemon=True)
+            elif before is None or kernels_of(before) != kernels_of(parameters):
+                self._processes.stop()
+                self._processes = Processes(patient=self._now is not None)
+                self.compiling = f'loading the kernels of {", ".join(parameters.chain)}'
+                work = partial(self._work, parameters, self._processes)
+                self._thread = threading.Thread(target=work, name='compile', daemon=True)
                 self._thread.start()
 
     def stop(self) -> None:
@@ -78,19 +81,19 @@ class Compiler:
         with self._lock:
             self._wanted = None
             self._processes.stop()
-            thread = self._thread
-        if thread is not None:
-            thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
 
-    def _work(self) -> None:
-        while (wanted := self._next()) is not None:
-            try:
-                self._make_ready(wanted)
-            except Exception as err:  # noqa: BLE001  the first block raises it again, and is counted
-                self._warn(f'a detector raised an error while it was compiled: {err}')
-            with self._lock:
-                if self._wanted is wanted:
-                    self._take_over(wanted)
+    def _work(self, parameters: FilterParameters, processes: Processes) -> None:
+        """Make kernels ready; whoever has them takes over, if the work was not cancelled."""
+        try:
+            if not load(parameters):
+                self._compile(parameters, processes)
+        except Exception as err:  # noqa: BLE001  the first block raises it again, and is counted
+            self._warn(f'a detector raised an error while it was compiled: {err}')
+        with self._lock:
+            if not processes.is_stopped and self._wanted is not None:
+                self._take_over(self._wanted)
 
     def _take_over(self, parameters: FilterParameters) -> None:
         if self.compiling and self._now is not None:
@@ -98,40 +101,27 @@ class Compiler:
         self._wanted, self._now, self.compiling = None, parameters, ''
         self._ready(parameters)
 
-    def _next(self) -> FilterParameters | None:
-        """Return what is wanted; None ends the thread."""
-        with self._lock:
-            if self._wanted is None:
-                self._thread = None
-            else:
-                self._processes = Processes(patient=self._now is not None)
-            return self._wanted
-
-    def _make_ready(self, wanted: FilterParameters) -> None:
-        if load(wanted):
-            return
-        self.compiling = self._sentence(wanted)
-        self._inform(self.compiling)
+    def _compile(self, wanted: FilterParameters, processes: Processes) -> None:
+        until = 'clouds pass unfiltered until then'
+        if self._now is not None:
+            until = f'until then {", ".join(self._now.chain)} answers'
+        sentence = f'compiling {", ".join(wanted.chain)}; {until}'
         begin = monotonic()
+
+        def inform(text: str) -> None:
+            if not processes.is_stopped:
+                self.compiling = text
+                self._inform(text)
 
         def show(done: int, total: int, _part: str) -> None:
             took = monotonic() - begin
-            if done < total and self._wanted is wanted:
+            if done < total:
                 left = took * (total - done) / done
                 parts = f'{done} of {total} parts took {took:.0f} s, about {left:.0f} s left'
-                self.compiling = f'{self._sentence(wanted)}; {parts}'
-                self._inform(self.compiling)
+                inform(f'{sentence}; {parts}')
 
-        for sentence in self._processes.run(shares(wanted), show):
-            self._warn(sentence)
-        for sentence in kernel_cache.complaints:
-            self._warn(sentence)
-        if self._wanted is wanted:
+        inform(sentence)
+        for problem in (*processes.run(shares(wanted), show), *kernel_cache.complaints):
+            self._warn(problem)
+        if not processes.is_stopped:
             make_ready(wanted)
-
-    def _sentence(self, parameters: FilterParameters) -> str:
-        """Say what is compiled, and what is done until then."""
-        said = f'compiling {", ".join(parameters.chain)}'
-        if self._now is None:
-            return f'{said}; clouds pass unfiltered until then'
-        return f'{said}; until then {", ".join(self._now.chain)} answers'

@@ -12,15 +12,18 @@ import pytest
 from helpers.programs import PATIENCE
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.ros import compiler
 from lidar_outlier_filter.ros.compiler import Compiler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-FIRST, SECOND, THIRD = (
-    FilterParameters().changed({'chain': (name,)}) for name in ('lof', 'sor', 'quadric')
+FIRST, SECOND, THIRD, FOURTH = (
+    FilterParameters().changed({'chain': (name,)})
+    for name in ('lof', 'sor', 'quadric', 'elevation')
 )
+THIRD_STRICT = THIRD.changed({'max_delay': 9.0})
 
 
 class Loading:
@@ -89,20 +92,21 @@ def test_the_old_one_answers_until_then(loading: Loading) -> None:
 def test_the_last_wins(loading: Loading) -> None:
     """Whatever is loaded already; what was wanted before never takes over."""
     beside = Beside()
-    beside.want(FIRST)
-    assert loading.begun.get(timeout=PATIENCE) == FIRST
-    beside.want(SECOND)
-    beside.want(THIRD)
-    loading.go_on.release(2)
-    assert beside.taken.get(timeout=PATIENCE) == THIRD
-    beside.want(SECOND)
-    assert loading.begun.get(timeout=PATIENCE) == THIRD
-    assert loading.begun.get(timeout=PATIENCE) == SECOND
-    beside.want(FIRST)  # is ready: SECOND is not wanted any more
+    for number, wanted in enumerate((FIRST, SECOND, THIRD, THIRD_STRICT)):
+        beside.want(wanted)
+        if number < 3:  # the last needs no other kernels than the one before
+            assert loading.begun.get(timeout=PATIENCE) == wanted
+    loading.go_on.release(3)
+    assert beside.taken.get(timeout=PATIENCE) == THIRD_STRICT
+    loading.ready.append(FIRST)
+    beside.want(FOURTH)
+    beside.want(FIRST)  # is ready: FOURTH is not wanted any more
     assert beside.taken.get(timeout=PATIENCE) == FIRST
     loading.go_on.release()
     beside.stop()
     assert beside.taken.empty()
+    assert loading.begun.get_nowait() == FOURTH
+    assert loading.begun.empty()
 
 
 def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
@@ -120,15 +124,11 @@ def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) ->
     clock = iter([100.0, 114.0])
     said: list[str] = []
 
-    class Parts:
-        def __init__(self, *, patient: bool = False) -> None:
-            self.patient = patient
+    def run(_self: object, _work: object, progress: Callable[[int, int, str], object]) -> list[str]:
+        progress(1, 3, 'lof')
+        return ['one share failed']
 
-        def run(self, _work: object, progress: Callable[[int, int, str], object]) -> list[str]:
-            progress(1, 3, 'lof')
-            return []
-
-    monkeypatch.setattr(compiler, 'Processes', Parts)
+    monkeypatch.setattr(compiling.Processes, 'run', run)
     monkeypatch.setattr(compiler, 'is_ready', lambda _parameters: False)
     monkeypatch.setattr(compiler, 'load', lambda _parameters: False)
     monkeypatch.setattr(compiler, 'make_ready', lambda _parameters: None)
@@ -139,3 +139,4 @@ def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) ->
     assert taken.get(timeout=PATIENCE) == FIRST
     assert said[0] == 'compiling lof; clouds pass unfiltered until then'
     assert said[1] == f'{said[0]}; 1 of 3 parts took 14 s, about 28 s left'
+    assert said[2] == 'one share failed'

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.slow import watched
 from lidar_outlier_filter.core.engine.tiles import detect_in_tiles
-from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -54,14 +53,14 @@ class Chain:
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]
         # The lists that all detectors share are as long as the longest that one asks for.
-        self._neighbours = max(1, *(one.neighbours(parameters) for one in self._detectors))
+        self.neighbours = max(1, *(one.neighbours(parameters) for one in self._detectors))
 
     def judge(self, points: Points) -> Verdict:
         """Judge valid points that lie together in time; the verdict is in their order."""
         parameters = self.parameters
         verdict = Verdict.untested(len(points))
         where = np.arange(len(points))
-        seen = self.see(points, parameters, self._neighbours, whole=self.whole)
+        seen = self.see(points, parameters, self.neighbours, whole=self.whole)
         for detector in self._detectors:
             with watched(detector.name, parameters.max_delay, seen.points, self.slow):
                 found = self._score(detector, seen)
@@ -84,21 +83,7 @@ class Chain:
             return detector.detect(seen, self.parameters)
 
         def detect(some: Points) -> Scores:
-            seen = self.see(some, self.parameters, self._neighbours, whole=self.whole)
+            seen = self.see(some, self.parameters, self.neighbours, whole=self.whole)
             return detector.detect(seen, self.parameters)
 
         return detect_in_tiles(detect, seen.points, self.tile, self.parameters.max_points)
-
-    def compile(self, sensors: Sequence[str] = SENSORS, *, explain: bool = False) -> None:
-        """Run every detector on a few points of these sensors, so that its kernels are ready.
-
-        ``explain`` also runs the explanations of scores, which reports need.
-        """
-        for points in (points for sensor in sensors for points in sample(sensor)):
-            self.judge(points)
-            for name in self.parameters.chain:
-                if explain and name in explanations():
-                    seen = self.see(points, self.parameters, self._neighbours, whole=self.whole)
-                    explanations()[name].explain(seen, self.parameters, points.valid)
-        self.passes = 0
-        self.ways.clear()

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.kernels.compile_listeners import listeners
+from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.points.points import SECOND
 
 if TYPE_CHECKING:

@@ -1,3 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops: how they are made, kept, and run in threads."""
+"""Compiled loops: how they are made, kept, and run in threads.
+
+It imports nothing, so that commands can add a listener before NumPy and numba are there.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# Called in this order, in the thread that compiles, with the name of the kernel's module. One that
+# raises keeps the kernel from being compiled, and those behind it from being called.
+listeners: list[Callable[[str], object]] = []

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Eigenvalues and eigenvectors of symmetric 3 × 3 matrices, those of several points side by side.
+"""Eigenvalues and eigenvectors of symmetric matrices: 3 × 3 in lanes, or one of any size.
 
-The rows of the matrices are xx, yy, zz, xy, xz, yz: (6, lanes).
+Those of several points side by side are (6, lanes); their rows are xx, yy, zz, xy, xz, yz.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
 
     Vector = tuple[float, float, float, float]  # and its squared length
+
+SWEEPS = 40  # of Jacobi rotations; ten are plenty
+NEGLIGIBLE = 1e-31  # of the squares of a diagonal: what is beside it is below its rounding
 
 
 @inner_kernel
@@ -72,3 +75,59 @@ def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -
 def _longer(x: float, y: float, z: float, best: Vector) -> Vector:
     square = x * x + y * y + z * z
     return (x, y, z, square) if square > best[3] else best
+
+
+@inner_kernel
+def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
+    """Turn a symmetric matrix into its eigenvalues, on its diagonal; vectors are the columns.
+
+    Jacobi's rotations, row by row, in no order of the values.
+    """
+    for i in range(size):
+        for j in range(size):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(SWEEPS):
+        beside, diagonal = 0.0, 0.0
+        for i in range(size):
+            diagonal += matrix[i, i] * matrix[i, i]
+            for j in range(i):
+                beside += matrix[i, j] * matrix[i, j]
+        if not beside > NEGLIGIBLE * diagonal:
+            return
+        for i in range(size - 1):
+            for j in range(i + 1, size):
+                if matrix[i, j] != 0:
+                    _rotate(matrix, vectors, size, i, j)
+
+
+@inner_kernel
+def find_least(matrix: Floats, size: int) -> int:
+    """Return the place of the least eigenvalue on the diagonal, the first of those that tie."""
+    least = 0
+    for i in range(1, size):
+        if matrix[i, i] < matrix[least, least]:
+            least = i
+    return least
+
+
+@inner_kernel
+def _rotate(matrix: Floats, vectors: Floats, size: int, i: int, j: int) -> None:
+    """Turn axes i and j such that their product vanishes."""
+    beside = matrix[i, j]
+    ratio = (matrix[j, j] - matrix[i, i]) / (2 * beside)
+    tangent = 1 / (abs(ratio) + np.sqrt(ratio * ratio + 1))
+    if ratio < 0:
+        tangent = -tangent
+    cosine = 1 / np.sqrt(tangent * tangent + 1)
+    sine = tangent * cosine
+    matrix[i, i] -= tangent * beside
+    matrix[j, j] += tangent * beside
+    matrix[i, j] = matrix[j, i] = 0
+    for k in range(size):
+        if k not in (i, j):
+            one, other = matrix[k, i], matrix[k, j]
+            matrix[k, i] = matrix[i, k] = cosine * one - sine * other
+            matrix[k, j] = matrix[j, k] = sine * one + cosine * other
+        one, other = vectors[k, i], vectors[k, j]
+        vectors[k, i] = cosine * one - sine * other
+        vectors[k, j] = sine * one + cosine * other

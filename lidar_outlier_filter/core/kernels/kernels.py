@@ -94,8 +94,8 @@ def _compile(function: Function, **more: object) -> Function:
     # numba offers no other way. There is no cache where NUMBA_DISABLE_JIT is set.
     cache = getattr(compiled, '_cache', None)
     if cache is not None:
-        source = function.__code__.co_filename
-        cache._cache_file = CacheFile(cache._cache_file, source, function.__module__)  # noqa: SLF001
+        file = CacheFile(cache._cache_file, function.__code__.co_filename)  # noqa: SLF001
+        cache._cache_file = file  # noqa: SLF001
     return cast('Function', compiled)
 
 

@@ -4,14 +4,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import TESTS
 from helpers.detectors import BITS
 
 from lidar_outlier_filter.core.detectors import hierarchical
@@ -186,44 +182,6 @@ def test_every_form(name: str, extra: dict[str, Any]) -> None:
     assert np.count_nonzero(verdict.rejected & stray) > 0.4 * np.count_nonzero(stray)
     assert np.count_nonzero(verdict.rejected & ~stray) < 0.2 * len(points)
     assert not np.array_equal(verdict.score, judge(points, name).score, equal_nan=True)
-
-
-# A process of its own: what other tests have compiled does not count in it.
-COMPILING = """
-import sys
-import numpy as np
-from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.parameters.filter import FilterParameters
-from helpers.scans import Drive, sweep
-
-
-def compiled():
-    rooms = [vars(m) for n, m in list(sys.modules.items()) if n.startswith('lidar_outlier_filter')]
-    things = {id(one): one for room in rooms for one in room.values()}
-    return {n: len(one.signatures) for n, one in things.items() if hasattr(one, 'signatures')}
-
-
-chain = Chain(FilterParameters())
-chain.compile()
-assert chain.passes == 0
-before = compiled()
-assert sum(count > 0 for count in before.values()) > 10
-for points in (Drive(1, strays=0.1).points, sweep(1, 0.1, columns=300), Drive(3, 0.2).points):
-    mixed = points.take(np.random.default_rng(1).permutation(len(points)))
-    for cloud in (points, mixed, points.take(slice(0, 400)), points.take(slice(0, 20))):
-        chain.judge(cloud)
-assert compiled() == before
-"""
-
-
-def test_nothing_is_compiled_later() -> None:
-    """The default chain is ready for profile scanners and spinning sensors, however they send."""
-    paths = [str(TESTS), *sys.path]
-    env = os.environ | {'PYTHONPATH': os.pathsep.join(paths)}
-    command = [sys.executable, '-c', COMPILING]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-    assert done.stderr == ''
-    assert done.returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from helpers.replays import write_drive
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.engine.slow import SlowDetector, watched
-from lidar_outlier_filter.core.kernels.compile_listeners import listeners
-from lidar_outlier_filter.core.kernels.compiling import COUNT
+from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.pipeline.compiling import COUNT
 from lidar_outlier_filter.pipeline.library import CloudFilter
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE
 from lidar_outlier_filter.core.detectors.boosted_trees.window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.jacobi import eigen
+from lidar_outlier_filter.core.kernels.eigen import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
