@@ -46,7 +46,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
-from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
