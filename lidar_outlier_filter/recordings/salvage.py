@@ -369,19 +369,15 @@ def _database_topics(
     path: Path, database: sqlite3.Connection, losses: Losses
 ) -> dict[int, Topic | None]:
     """Describe the topics, with the definitions of their types where the database has them."""
-
-    def rows_of(table: str) -> list[dict[str, Any]]:
-        found = database.execute(f'SELECT * FROM {table}')  # noqa: S608  from this module
-        names = [column[0] for column in found.description]
-        return [dict(zip(names, row, strict=True)) for row in found]
-
-    has_definitions = database.execute('PRAGMA table_info(message_definitions)').fetchall()
-    definitions = {
-        row['topic_type']: (row['encoding'], row['encoded_message_definition'])
-        for row in (rows_of('message_definitions') if has_definitions else ())
-    }
+    database.row_factory = sqlite3.Row
+    definitions = {}
+    if database.execute('PRAGMA table_info(message_definitions)').fetchall():
+        for row in database.execute('SELECT * FROM message_definitions'):
+            described = (row['encoding'], row['encoded_message_definition'])
+            definitions[row['topic_type']] = described
     topics: dict[int, Topic | None] = {}
-    for row in rows_of('topics ORDER BY id'):
+    for found in database.execute('SELECT * FROM topics ORDER BY id'):
+        row = dict(found)
         try:
             topics[row['id']] = _topic_of(
                 row['name'],
@@ -406,11 +402,10 @@ def _with_log(path: Path, folder: Path, losses: Losses) -> Path:
     for file in (path, *logs):
         shutil.copyfile(file, folder / file.name)
     losses.add(f'{path.name}: it was not closed by its recorder, messages in {logs[0].name}')
-    copy = folder / path.name
     try:
-        with closing(sqlite3.connect(copy)) as database:
+        with closing(sqlite3.connect(folder / path.name)) as database:
             database.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()
             database.execute('SELECT count(*) FROM sqlite_master').fetchall()
     except sqlite3.DatabaseError as err:
         losses.add(f'{logs[0].name}: {said_by(err)}')
-    return copy
+    return folder / path.name

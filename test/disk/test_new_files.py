@@ -291,22 +291,24 @@ def test_what_is_left_is_removed(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == set(kept)
 
 
-@pytest.mark.parametrize('moment', ['mkdtemp', '_take'])
+@pytest.mark.parametrize('moment', ['mkdtemp', '_take', 'before _take'])
 def test_a_folder_removed_before_its_lock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
     """Where another run takes a folder without a lock for one that was left, a second is made."""
-    output, original, calls = tmp_path / 'out.las', getattr(new_files_module, moment), list[int]()
+    output, calls = tmp_path / 'out.las', list[int]()
+    name = moment.removeprefix('before ')
+    original = getattr(new_files_module, name)
 
     def with_another_run(*given: object, **more: object) -> object:
-        result = original(*given, **more)
+        result = None if name != moment else original(*given, **more)
         if not calls:
             calls.append(1)
             with hidden_folder(output):
                 pass
-        return result
+        return result if name == moment else original(*given, **more)
 
-    monkeypatch.setattr(new_files_module, moment, with_another_run)
+    monkeypatch.setattr(new_files_module, name, with_another_run)
     with hidden_folder(output) as folder:
         assert (folder / LOCK).is_file()
         assert list(tmp_path.iterdir()) == [folder]
