@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -75,15 +75,35 @@ def measured(pattern: Pattern) -> Singles:
     return measure(prepare(pattern))
 
 
+class Mirror(NamedTuple):
+    """A mirror that swings so far to either side, and back in the next line (``way`` -1)."""
+
+    swing: float
+    way: int
+    pendulum: bool
+
+    def angle(self, part: Floats, line: Ints) -> Floats:
+        """Return the angle at each part of a line, rad."""
+        wave = -np.cos(np.pi * part) if self.pendulum else 2.0 * part - 1.0
+        return 2.0 + self.swing * wave * np.where(line % 2 == 1, self.way, 1)
+
+
 class Drive:
     """A passage between walls, seen by some lines; returns are lost, and some strays hang there."""
 
-    def __init__(
-        self, seed: int, lost: float = 0.0, lines: int = 12, shots: int = 120, strays: float = 0.02
+    def __init__(  # noqa: PLR0913  what is drawn
+        self,
+        seed: int,
+        lost: float = 0.0,
+        lines: int = 12,
+        shots: int = 120,
+        strays: float = 0.02,
+        mirror: Mirror | None = None,
     ) -> None:
         rng = np.random.default_rng(seed)
         shot = np.arange(lines * shots)
-        self.angle = 2 * np.pi * (shot % shots) / shots
+        part, line = (shot % shots) / shots, shot // shots
+        self.angle = 2 * np.pi * part if mirror is None else mirror.angle(part, line)
         t = shot * (PERIOD // shots)
         eye = np.array([0.0, 0.5, 2.0]) + SPEED * (t * 1e-9)[:, None]
         beam = np.cos(self.angle)[:, None] * AXES[1] + np.sin(self.angle)[:, None] * AXES[0]
@@ -94,7 +114,7 @@ class Drive:
         stray = rng.random(len(shot)) < strays
         far[stray] *= rng.uniform(0.2, 0.9, int(stray.sum()))
         kept = np.flatnonzero(rng.random(len(shot)) >= lost)
-        self.t, self.line = t[kept], (shot // shots)[kept]
+        self.t, self.line = t[kept], line[kept]
         self.eye, self.beam = eye[kept], beam[kept]
         self.far, self.angle, self.stray = far[kept], self.angle[kept], stray[kept]
         self.points = self.measured(self.far)

@@ -314,7 +314,7 @@ _EVERY = (
         columns=lambda parameters: parameters.of(BoostedTrees).columns,
         large='files',
         rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
-        'pattern (spinning sensors, and profile scanners with an evenly turning mirror), or else '
+        'pattern (spinning sensors, and profile scanners whose mirror turns or swings), or else '
         'on its nearest neighbours',
     ),
 )

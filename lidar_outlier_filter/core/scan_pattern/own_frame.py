@@ -19,21 +19,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.core.points.scan_lines import (
-    is_interleaved,
-    line_starts,
-    order_by_line,
-)
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import turning_rate
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.points.points import Points
 
 SAMPLES = 64  # points of a ring that show where the sensor was
 FEWEST, RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
 EVERY = 0.05  # seconds between the moments
 LONGEST = 2.0  # seconds: longer stretches would have too many moments
-LAG = 8  # returns of a ring, to measure how fast the head turns
 NEAREST = 0.5  # m: what is nearer does not weigh more
 FITS, LEANS = 10, 3
 ENOUGH = 1e-5  # m and rad: a fit that changes less is done
@@ -79,9 +75,12 @@ def find_own_frame(points: Points) -> Points | None:
         return None
     rows = order[first[rings, None] + np.arange(SAMPLES) * np.diff(first)[rings, None] // SAMPLES]
     guess = _first_guess(points.xyz[rows])
-    rate, step = _rate(points.xyz[order] - guess, t, first)
+    east, north, _ = (points.xyz[order] - guess).T
+    rate = SECOND * turning_rate(np.arctan2(north, east), t, first)
     if not abs(rate) > 0.0:
         return None
+    passed = np.diff(t)
+    step = abs(rate) * float(np.median(passed[passed > 0])) / SECOND  # of the head, rad
     when = (points.t - start) / SECOND
     moments = np.linspace(0.0, seconds, int(np.ceil(seconds / EVERY)) + 1)
     near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
@@ -137,24 +136,6 @@ def _first_guess(xyz: Floats) -> Floats:
         east, north, _ = np.linalg.lstsq(rows, square[ring], rcond=None)[0] / 2.0
         centres.append(middle[ring] + np.array([east, north, 0.0]))
     return np.asarray(np.rint(np.median(centres, axis=0)))
-
-
-def _rate(about: Floats, t: Ints, first: Ints) -> tuple[float, float]:
-    """Return how fast the head turns, rad/s, and the usual step along a ring, rad."""
-    azimuth = np.arctan2(about[:, 1], about[:, 0])
-    steps = np.diff(azimuth)
-    steps -= 2.0 * np.pi * np.rint(steps / (2.0 * np.pi))
-    passed = np.diff(t) / SECOND
-    inside = passed > 0.0
-    inside[first[1:-1] - 1] = False
-    if np.count_nonzero(inside) <= LAG:
-        return 0.0, 0.0
-    turned = np.cumsum(np.where(inside, steps, 0.0))
-    since = np.cumsum(np.where(inside, passed, 0.0))
-    span = since[LAG:] - since[:-LAG]
-    some = span > 0.0
-    rate = float(np.median((turned[LAG:] - turned[:-LAG])[some] / span[some]))
-    return rate, abs(rate) * float(np.median(passed[inside]))
 
 
 def _fit(some: _Some, position: Floats) -> tuple[Floats, float]:

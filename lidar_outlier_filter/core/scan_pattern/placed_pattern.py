@@ -209,16 +209,6 @@ class Pattern(NamedTuple):
     level: Singles
 
 
-class Spacing(NamedTuple):
-    """The angles between lines of a pattern; see the attributes of these names there."""
-
-    step: Singles
-    gap: Singles
-    turn: Singles
-    beside: Singles
-    uneven: Singles
-
-
 def lines_at_once(lines: int, points: int) -> int:
     """Return how many of the lines of so many points a thread takes of short work."""
     return max(lines * POINTS_AT_ONCE // max(points, 1), 1)
@@ -241,32 +231,22 @@ def fill_copies(pattern: Pattern, out: NDArray[Any]) -> None:
     out[pattern.copies[:, 0]] = out[pattern.copies[:, 1]]
 
 
-def make_pattern(
-    sizes: Ints,
-    spacing: Spacing,
-    noise: Singles,
-    apart: Singles,
-    level: Singles,
-    copies: Ints | None = None,
-) -> Pattern:
+def make_pattern(sizes: Ints, copies: Ints | None = None, **of_lines: Singles) -> Pattern:
     """Make a pattern of lines of so many points, whose cells have no points yet."""
     begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
     count = int(sizes.sum()) + (len(sizes) + 1) * PAD
     return Pattern(
-        np.full(count, -1),
-        np.empty((0, 2), np.int64) if copies is None else copies,
-        begins,
-        begins + sizes,
-        np.zeros(count, np.float32),
-        np.zeros(count, np.float32),
-        np.zeros(count, np.float32),
-        np.ones(count, np.float32),
-        np.full(count, NOWHERE),
-        np.full(count, UNKNOWN, np.float32),
-        *spacing,
-        noise,
-        apart,
-        level,
+        order=np.full(count, -1),
+        copies=np.empty((0, 2), np.int64) if copies is None else copies,
+        first=begins,
+        last=begins + sizes,
+        x=np.zeros(count, np.float32),
+        y=np.zeros(count, np.float32),
+        z=np.zeros(count, np.float32),
+        range=np.ones(count, np.float32),
+        phase=np.full(count, NOWHERE),
+        bright=np.full(count, UNKNOWN, np.float32),
+        **of_lines,
     )
 
 

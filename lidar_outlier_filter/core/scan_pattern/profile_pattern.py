@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.scan_lines import (
     is_interleaved,
     line_starts,
@@ -22,7 +21,6 @@ from lidar_outlier_filter.core.points.scan_lines import (
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     OrderedLines,
     Pattern,
-    Spacing,
     lines_at_once,
     make_pattern,
     place,
@@ -32,12 +30,13 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     AWAY,
     FEWEST,
     SAMPLES,
+    Lines,
     find_scanner,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 FEWEST_LINES = 2
@@ -60,7 +59,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     -------
     Pattern or None
         None where the points have no such pattern: there are too few lines, several are measured
-        at once, or the points do not lie where an evenly turning mirror sees them.
+        at once, or the points do not lie where a mirror that turns or swings sees them.
 
     """
     order = order_by_line(points)
@@ -71,38 +70,40 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         return None
     # Lines in order of time, whatever their numbers.
     rank = np.argsort(t[first[:-1]], kind='stable')
-    scanner = find_scanner(points.xyz, t, order, first, rank, threads)
+    scanner = find_scanner(Lines(points.xyz, t, order, first, rank), threads)
     if scanner is None:
         return None
-    distance, phase = np.empty(len(points)), scanner.turned
-    ordered = OrderedLines(points.xyz, distance, order, first)
-
-    def prepare(begin: int, end: int) -> None:
-        _look(points.xyz, scanner.position, order, first, begin, end, distance)
-        # Only returns of one time change cells, and their angles are the same.
-        sort_lines(ordered, begin, end, phase, phase)
-
+    phase, distance = scanner.turned, _ranges(points.xyz, scanner.position, order, first)
+    ordered, nothing = OrderedLines(points.xyz, distance, order, first), np.zeros_like(phase)
     at_once = lines_at_once(lines, len(points))
-    pool.run(prepare, lines, at_once, threads)
+    pool.run(lambda i, j: sort_lines(ordered, i, j, phase, nothing), *(lines, at_once, threads))
     steps = phase[1:] - phase[:-1]
     steps = steps[steps > 0.0]
     step = np.full(lines, MORE * np.median(steps) if len(steps) else TURN, np.float32)
     noise = np.full(lines, NOISE * _sigma(distance, order, phase, first), np.float32)
     found = make_pattern(
         np.diff(first)[rank],
-        _space_out(step),
-        noise,
-        noise + _moved(scanner.position[rank]).astype(np.float32),
-        noise * np.float32(LEVEL / NOISE),
+        # Lines are taken to be as far apart as shots.
+        step=step,
+        gap=step,
+        turn=np.ones_like(step),
+        beside=np.stack([2 * step, step, step, 2 * step]),
+        uneven=np.ones_like(step),
+        noise=noise,
+        apart=noise + _moved(scanner.position[rank]).astype(np.float32),
+        level=noise * np.float32(LEVEL / NOISE),
     )
     pool.run(lambda i, j: place(ordered, phase, rank, i, j, found), lines, at_once, threads)
     return found
 
 
-def _space_out(step: Singles) -> Spacing:
-    """Return the spacing of lines that are as far apart as their shots."""
-    one = np.ones_like(step)
-    return Spacing(step, step, one, np.stack([2 * step, step, step, 2 * step]), one)
+def _ranges(xyz: Floats, position: Floats, order: Ints, first: Ints) -> Floats:
+    """Return the distance (N,) of each point, as given, from where the scanner was, metres."""
+    line = np.empty(len(order), np.int64)
+    line[order] = np.repeat(np.arange(len(position)), np.diff(first))
+    x, y, z = (xyz[:, axis] - position[line, axis] for axis in range(3))
+    distance: Floats = np.maximum(np.sqrt(x * x + y * y + z * z), AWAY)
+    return distance
 
 
 def _moved(where: Floats) -> Floats:
@@ -130,22 +131,3 @@ def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
     size = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
     off = np.abs(reach * (1.0 - reach * value - curved)) / size
     return max(MAD_TO_SIGMA * float(np.median(off)), SIGMA_FLOOR)
-
-
-@kernel
-def _look(
-    xyz: Floats,
-    where: Floats,
-    order: Ints,
-    first: Ints,
-    begin: int,
-    end: int,
-    distance: Floats,
-) -> None:
-    """Write the ranges of the points of lines begin to end, in the order given."""
-    for line in range(begin, end):
-        x, y, z = where[line]
-        for k in range(first[line], first[line + 1]):
-            i = order[k]
-            dx, dy, dz = xyz[i, 0] - x, xyz[i, 1] - y, xyz[i, 2] - z
-            distance[i] = max(np.sqrt(dx * dx + dy * dy + dz * dz), AWAY)

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The position of a profile scanner, estimated from its points, and the angle of its mirror.
 
-The mirror turns evenly, so the angle of each shot is known from its time, up to a constant; and
-seen from the scanner, all points of a line are where these angles say, however far they are.
+The mirror turns evenly, or it swings in each line, evenly or as a pendulum. So the angle of each
+shot is known from its time, up to a constant; and seen from the scanner, all points of a line are
+where these angles say, however far they are. How far a mirror swings is tried: the best fit counts.
+Which way it swings in a line is seen from where the scanner was.
 
 With x and y in the plane of a line, the scanner at s and a mirror angle φ + δ, each point says
 
@@ -35,8 +37,14 @@ UNSURE = 0.2  # m: standard deviation of the scanner's position
 FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
 AWAY = 0.01  # m: least range
 TINY = np.finfo(np.float64).tiny
-WITHIN = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES  # of a line
+EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
+UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
 LINES_AT_ONCE = 256  # that a thread fits
+# Rad to either side that are tried, and then those between the two beside the best. From the air a
+# mirror swings less: there trees on the neighbours, which know such clouds, judge better.
+SWINGS = np.geomspace(0.8, 2.5, 25)
+SWING_LINES = 5  # the longest ones show how far a mirror swings
+FINEST_RAD = 2.0**30  # parts of a rad that angles of a swing are rounded to
 
 
 class Scanner(NamedTuple):
@@ -55,59 +63,168 @@ class Scanner(NamedTuple):
     turned: Floats
 
 
-def find_scanner(
-    xyz: Floats, t: Ints, order: Ints, first: Ints, rank: Ints, threads: int = 0
-) -> Scanner | None:
-    """Find where the scanner was, None where that does not show.
+class Lines(NamedTuple):
+    """N points of L lines.
 
-    Parameters
+    Attributes
     ----------
-    xyz : (N, 3) of points as given, metres
+    xyz : (N, 3) as given, metres
     t : (N,) of points in order, nanoseconds
     order : (N,) by line and time
     first : (L + 1,) where lines begin
     rank : (L,) the order of the lines in time
-    threads : at most so many at once; 0 for as many as there are cores
 
     """
-    begins, sizes = first[:-1], np.diff(first)
-    if np.count_nonzero(sizes >= FEWEST) < KNOWN * len(sizes):
+
+    xyz: Floats
+    t: Ints
+    order: Ints
+    first: Ints
+    rank: Ints
+
+    @property
+    def sizes(self) -> Ints:
+        """Count the returns of each line."""
+        return np.diff(self.first)
+
+    @property
+    def begins(self) -> Ints:
+        """Return when lines begin, nanoseconds, in the order of time."""
+        return self.t[self.first[:-1]][self.rank]
+
+    def places(self, part: Floats) -> Ints:
+        """Return where the returns at some parts (S,) of each line are in order (L, S)."""
+        return self.first[:-1, None] + (part * self.sizes[:, None]).astype(np.int64)
+
+
+class _Mirror(NamedTuple):
+    """The angle of N shots and the usual step, rad; the turn of L lines; whether it may go back."""
+
+    angle: Floats
+    step: float
+    turns: Floats
+    swings: bool
+
+
+def find_scanner(lines: Lines, threads: int = 0) -> Scanner | None:
+    """Find where the scanner was; None where that does not show.
+
+    At most so many ``threads`` work at once; 0 for as many as there are cores.
+    """
+    if np.count_nonzero(lines.sizes >= FEWEST) < KNOWN * len(lines.sizes):
         return None
-    period = float(np.median(np.diff(t[begins][rank])))
+    for find in (_turning_mirror, _swinging_mirror):
+        mirror = find(lines)
+        scanner = None if mirror is None else _locate(lines, mirror, threads)
+        if scanner is not None:
+            return scanner
+    return None
+
+
+def _turning_mirror(lines: Lines) -> _Mirror | None:
+    """Return the angles of a mirror that turns once in a line."""
+    period = float(np.median(np.diff(lines.begins)))
     if not period > 0.0:
         return None
-    middle = t[begins + sizes // 2]
-    # A line without returns leaves out a turn.
-    turns = np.empty(len(sizes))
-    turns[rank] = np.cumsum([0.0, *np.maximum(np.rint(np.diff(middle[rank]) / period), 1.0)])
-    since = (t - t[begins[rank[0]]]).astype(np.float64) - np.repeat(turns * period, sizes)
+    turns, since = _since(lines, period)
     turned = since * (TURN / period)
-    turned -= turned.min()
-    passed = np.diff(t)
-    steps = np.median(passed[passed > 0]) * (TURN / period) if len(t) > 1 else 0.0
-    some = begins[:, None] + np.arange(SAMPLES) * sizes[:, None] // SAMPLES
+    return _Mirror(turned - turned.min(), _usual_step(lines) * (TURN / period), turns, swings=False)
+
+
+def _swinging_mirror(lines: Lines) -> _Mirror | None:
+    """Return the angles of a mirror that swings once in a line, as if always the same way."""
+    # Where one end has no returns, every second line begins late.
+    pairs = lines.begins[2:] - lines.begins[:-2]
+    period = float(np.median(pairs)) / 2.0 if len(pairs) else 0.0
+    if not period > 0.0:
+        return None
+    turns, since = _since(lines, period)
+    swung = (since - (since.min() + since.max()) / 2.0) * (np.pi / period)
+    waves = np.sin(swung), swung * (2.0 / np.pi)
+    some = lines.places(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
+    xyz = lines.xyz[lines.order[some]]
+    found = [_find_swing(xyz, wave[some]) for wave in waves]
+    swing, off = min(found, key=lambda one: one[1] / one[0])
+    step = _usual_step(lines) * (2.0 * swing / period)
+    if off > UNEVEN * step:
+        return None
+    angle = np.rint(swing * waves[found.index((swing, off))] * FINEST_RAD) / FINEST_RAD
+    return _Mirror(angle, step, turns, swings=True)
+
+
+def _find_swing(xyz: Floats, wave: Floats) -> tuple[float, float]:
+    """Find how far a mirror swings (L, S) at returns (L, S, 3); and how far off they are, then.
+
+    Both as an angle, rad; the less a mirror swings, the nearer are all returns to its angles.
+    """
+    tried = SWINGS
+    for _ in range(3):
+        angles = (tried[:, None, None] * wave).reshape(-1, SAMPLES)
+        fit = fit_lines(np.tile(xyz, (len(tried), 1, 1)), angles)
+        off = np.median(fit.off.reshape(len(tried), -1), axis=1) / tried
+        k = int(off.argmin())
+        swing, least = float(tried[k]), float(off[k])
+        tried = np.geomspace(tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)], len(tried))
+    return swing, least * swing
+
+
+def _since(lines: Lines, period: float) -> tuple[Floats, Floats]:
+    """Return the turn of each line (L,), and how long before each shot it began (N,), ns."""
+    t, first, rank = lines.t, lines.first, lines.rank
+    middle = t[first[:-1] + lines.sizes // 2][rank]
+    # A line without returns leaves out a turn.
+    turns = np.empty(len(rank))
+    turns[rank] = np.cumsum([0.0, *np.maximum(np.rint(np.diff(middle) / period), 1.0)])
+    since = (t - lines.begins[0]).astype(np.float64) - np.repeat(turns * period, lines.sizes)
+    return turns, since
+
+
+def _usual_step(lines: Lines) -> float:
+    """Return the median time between two shots, ns."""
+    passed = np.diff(lines.t)
+    return float(np.median(passed[passed > 0])) if len(passed) else 0.0
+
+
+def _locate(lines: Lines, mirror: _Mirror, threads: int) -> Scanner | None:
+    """Find where the scanner was, if its mirror moved so; None where points lie elsewhere."""
+    xyz, order, rank = lines.xyz, lines.order, lines.rank
+    some, count = lines.places(EVENLY), len(rank)
     parts = pool.run(
-        lambda i, j: fit_lines(xyz[order[some[i:j]]], turned[some[i:j]]),
-        *(len(sizes), LINES_AT_ONCE, threads),
+        lambda i, j: fit_lines(xyz[order[some[i:j]]], mirror.angle[some[i:j]]),
+        *(count, LINES_AT_ONCE, threads),
     )
     fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE) & (sizes >= FEWEST)
-    if np.count_nonzero(good) < KNOWN * len(sizes):
+    good = (fit.off <= UNEVEN * mirror.step) & (fit.unsure <= UNSURE) & (lines.sizes >= FEWEST)
+    if np.count_nonzero(good) < KNOWN * count:
         return None
     # Unevenly taken, because of rings in turn even steps would take always the same one.
-    some = begins[:, None] + (WITHIN * sizes[:, None]).astype(np.int64)
+    some = lines.places(UNEVENLY)
     away = pool.run(
-        lambda i, j: off_plane(xyz[order[some[i:j]]] - fit.position[i:j, None], turned[some[i:j]]),
-        *(len(sizes), LINES_AT_ONCE, threads),
+        lambda i, j: off_plane(
+            xyz[order[some[i:j]]] - fit.position[i:j, None], mirror.angle[some[i:j]]
+        ),
+        *(count, LINES_AT_ONCE, threads),
     )
     if np.median(np.concatenate(away)[good]) > FLAT:
         return None
-    known = good[rank]
-    when = turns[rank]
-    found = np.empty((len(sizes), 3))
+    known, when = good[rank], mirror.turns[rank]
+    found = np.empty((count, 3))
     for axis in range(3):
         found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
-    return Scanner(np.rint(found * FINEST) / FINEST, turned)
+    found = np.rint(found * FINEST) / FINEST
+    if not mirror.swings:
+        return Scanner(found, mirror.angle)
+    sense = _sense(xyz[order[lines.places(EVENLY)]] - found[:, None], rank)
+    return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes))
+
+
+def _sense(xyz: Floats, rank: Ints) -> Floats:
+    """Return which way the mirror turns in each line, 1 or -1, from what it saw there (L, S, 3)."""
+    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), AWAY)
+    axis = np.cross(ray[:, :-1], ray[:, 1:]).sum(axis=1)[rank]
+    sense = np.ones(len(rank))
+    sense[rank[1:]] = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    return sense
 
 
 class Fit(NamedTuple):

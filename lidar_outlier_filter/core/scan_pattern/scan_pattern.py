@@ -20,7 +20,6 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     UNKNOWN,
     OrderedLines,
     Pattern,
-    Spacing,
     find_copies,
     join_shots,
     lines_at_once,
@@ -39,74 +38,32 @@ if TYPE_CHECKING:
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
 EVERY = 4  # the part of the cells that shows what is usual
 ENOUGH_CELLS = 30  # of them between two edges; fewer show nothing
-CELLS_AT_ONCE = 16_384
 BRIGHTEST = np.float32(8.0)
 
 
-def write_brightness(
-    order: Ints, reach: Singles, intensity: Singles, bright: Singles, threads: int = 0
-) -> None:
-    """Write the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
+def brightness(order: Ints, reach: Singles, intensity: Singles) -> Singles:
+    """Return the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
 
     Parameters
     ----------
     order : (M,) which of the N points is at each cell; -1 for none
     reach : (M,) metres
     intensity : (N,) of the points; NaN and less than 0 are unknown
-    bright : (M,) is written
-    threads : at most so many at once; 0 for as many as there are cores
 
     """
-    count = np.zeros(len(EDGES) + 1, np.int64)
-    values = np.empty((len(count), len(order) // EVERY + 1), np.float32)
-    _collect(order, reach, intensity, count, values)
-    usual = np.zeros(len(count), np.float32)  # 0 where there are too few
-    for b in np.flatnonzero(count >= ENOUGH_CELLS):
-        usual[b] = np.median(values[b, : count[b]])
-    pool.run(
-        lambda i, j: _compare(order, reach, intensity, usual, i, j, bright),
-        *(len(order), CELLS_AT_ONCE, threads),
-    )
-
-
-@inner_kernel
-def _bin(reach: np.float32) -> int:
-    """Count the edges that are nearer."""
-    count = 0
-    for edge in range(len(EDGES)):
-        count += EDGES[edge] < reach
-    return count
-
-
-@kernel
-def _collect(order: Ints, reach: Singles, intensity: Singles, count: Ints, values: Singles) -> None:
-    """Collect intensities between edges."""
-    for k in range(0, len(order), EVERY):
-        i = order[k]
-        if i >= 0 and intensity[i] >= 0:
-            b = _bin(reach[k])
-            values[b, count[b]] = intensity[i]
-            count[b] += 1
-
-
-@kernel
-def _compare(
-    order: Ints,
-    reach: Singles,
-    intensity: Singles,
-    usual: Singles,
-    begin: int,
-    end: int,
-    bright: Singles,
-) -> None:
-    """Divide intensities by what is usual."""
-    for k in range(begin, end):
-        i = order[k]
-        bright[k] = UNKNOWN
-        if i >= 0:
-            middle, value = usual[_bin(reach[k])], intensity[i]
-            if middle > 0 and value >= 0:
-                bright[k] = min(value / middle, BRIGHTEST)
+    bright = np.full(len(order), UNKNOWN, np.float32)
+    known = np.flatnonzero(order >= 0)
+    value = intensity[order[known]]
+    known, value = known[value >= 0], value[value >= 0]
+    between, shown = np.searchsorted(EDGES, reach[known]), known % EVERY == 0
+    usual = np.zeros(len(EDGES) + 1, np.float32)  # 0 where there are too few
+    for b in np.flatnonzero(np.bincount(between[shown]) >= ENOUGH_CELLS):
+        usual[b] = np.median(value[shown & (between == b)])
+    middle = usual[between]
+    there = middle > 0
+    with np.errstate(invalid='ignore'):  # infinite ones
+        bright[known[there]] = np.minimum(value[there] / middle[there], BRIGHTEST)
+    return bright
 
 
 TURN = 2.0 * np.pi
@@ -177,16 +134,22 @@ def find_pattern(
     elevation, step = np.empty(len(first) - 1), np.empty(len(first) - 1)
     _typical(turned.up, turned.phase, first, elevation, step)
     rank = np.argsort(elevation, kind='stable')
-    spacing = _space_out(elevation[rank], step[rank])
     noise = np.full(len(rank), NOISE_M, np.float32)
-    same = np.full(len(rank), LEVEL_M, np.float32)
-    placed = make_pattern(np.diff(first)[rank], spacing, noise, noise, same, copies)
+    placed = make_pattern(
+        np.diff(first)[rank],
+        copies,
+        **_space_out(elevation[rank], step[rank]),
+        noise=noise,
+        apart=noise,
+        level=np.full(len(rank), LEVEL_M, np.float32),
+    )
     pool.run(
         lambda i, j: place(lines, turned.phase, rank, i, j, placed),
         *(len(rank), lines_at_once(len(rank), len(points)), threads),
     )
     if points.intensity is not None:
-        write_brightness(placed.order, placed.range, points.intensity, placed.bright, threads)
+        bright = brightness(placed.order, placed.range, points.intensity)
+        return placed._replace(bright=bright)
     return placed
 
 
@@ -202,7 +165,7 @@ def _turn(lines: OrderedLines, t: Ints, share: float, threads: int) -> _Turned |
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
     pool.run(lambda i, j: _look(lines, i, j, azimuth, up), count, AT_ONCE, threads)
-    rate = _rate(azimuth, t, lines.first)
+    rate = turning_rate(azimuth, t, lines.first)
     if not abs(rate) > 0.0:
         return None
     steady, at_once = np.zeros(number, np.int64), lines_at_once(number, count)
@@ -241,7 +204,7 @@ def _leave_out_copies(
     return left, _Turned(turned.phase[kept], turned.up[kept]), copies
 
 
-def _space_out(sine: Floats, step: Floats) -> Spacing:
+def _space_out(sine: Floats, step: Floats) -> dict[str, Singles]:
     """Return the angles between rings and shots, of sines of elevations in ascending order."""
     cosine = np.sqrt(np.maximum(1.0 - sine**2, LEAST_COSINE**2))
     # Straight up and down, where the cosine is 0, all rings are one.
@@ -258,8 +221,9 @@ def _space_out(sine: Floats, step: Floats) -> Spacing:
     else:
         gap, far = np.fmin(below, above), np.maximum(below, above)
     uneven = np.where(np.isnan(far), MOST_UNEVEN, np.minimum(far / gap, MOST_UNEVEN))
-    values = step * cosine, gap, 1.0 / cosine, beside, uneven
-    return Spacing(*(one.astype(np.float32) for one in values))
+    values = {'step': step * cosine, 'gap': gap, 'turn': 1.0 / cosine}
+    values.update(beside=beside, uneven=uneven)
+    return {name: value.astype(np.float32) for name, value in values.items()}
 
 
 @kernel
@@ -290,7 +254,7 @@ def _look(lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats
 
 
 @kernel
-def _rate(azimuth: Floats, t: Ints, first: Ints) -> float:
+def turning_rate(azimuth: Floats, t: Ints, first: Ints) -> float:
     """Return how fast the head turns, rad/ns: the median over some stretches of all rings."""
     most = (len(first) - 1) * SAMPLES
     rates = np.empty(most)

@@ -14,7 +14,7 @@ from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW
 from lidar_outlier_filter.core.points.points import Points, concatenate
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import write_brightness
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import brightness
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -28,8 +28,7 @@ def test_as_loops(count: int) -> None:
     intensity = rng.choice(values, count)
     intensity[reach == np.float32(0.75)] = 0.0
     order = np.where(rng.random(count) < 0.1, -1, rng.permutation(count))
-    bright = np.empty(count, np.float32)
-    write_brightness(order, reach, intensity, bright)
+    bright = brightness(order, reach, intensity)
     cells = [
         None if i < 0 else (float(r), float(intensity[i]))
         for i, r in zip(order.tolist(), reach, strict=True)
@@ -40,10 +39,8 @@ def test_as_loops(count: int) -> None:
 def test_thirty_cells_are_enough() -> None:
     """Of 30 cells at about one range the median is known, of 29 it is not."""
     for count, expected in ((30, 1.0), (29, -1.0)):
-        order, bright = np.arange(4 * count), np.empty(4 * count, np.float32)
-        write_brightness(
-            order, np.full(4 * count, 2, np.float32), np.full(4 * count, 7, np.float32), bright
-        )
+        reach, intensity = np.full((2, 4 * count), [[2], [7]], np.float32)
+        bright = brightness(np.arange(4 * count), reach, intensity)
         assert set(bright.tolist()) == {expected}
 
 

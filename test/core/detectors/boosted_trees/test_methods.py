@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 def unsteady() -> Points:
-    """Return lines of a mirror that swings: they have no scan pattern."""
+    """Return lines whose times say little of the mirror's angle: they have no scan pattern."""
     points = road(3, lines=24)[0]
-    t = points.t + 3000 * (np.arange(len(points)) % 3)
+    t = points.t + 60_000 * (np.arange(len(points)) % 3)
     return replace(points, t=t)
 
 

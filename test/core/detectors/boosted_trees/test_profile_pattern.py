@@ -13,6 +13,7 @@ from helpers.scans import (
     SPEED,
     TURN_NS,
     Drive,
+    Mirror,
     points_of,
     prepared,
     profile_pattern_of,
@@ -34,13 +35,15 @@ from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import (
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
+from lidar_outlier_filter.core.scan_pattern import profile_scanner
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, fit_lines
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, Fit, fit_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 
@@ -110,6 +113,46 @@ def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> Non
             fit_lines(xyz[line : line + 1], turned[line : line + 1]), found, strict=True
         ):
             assert_array_equal(one[0], every[line])
+
+
+@pytest.mark.parametrize('swing', [1.2, 1.9])
+@pytest.mark.parametrize(('way', 'pendulum'), [(1, False), (-1, False), (-1, True)])
+def test_a_mirror_that_swings(swing: float, way: int, *, pendulum: bool) -> None:
+    """To and fro, or one way only: its angles, within a step or two, and the scanner are found."""
+    drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, way, pendulum=pendulum))
+    lost = drive.angle > drive.angle.max() - 0.3  # one end sees nothing
+    points, far, angle = drive.points.take(~lost), drive.far[~lost], drive.angle[~lost]
+    pattern = profile_pattern_of(points)
+    there = pattern.order >= 0
+    order = pattern.order[there]
+    assert_allclose(pattern.range[there], far[order], atol=0.05)
+    off = pattern.phase[there] - angle[order]
+    backwards = pattern.phase[there] + angle[order]
+    assert min(np.ptp(off), np.ptp(backwards)) < 0.02
+
+
+def test_a_narrow_swing_is_judged_by_neighbours() -> None:
+    """From the air mirrors swing less than any that the trees were trained for."""
+    narrow = Drive(12, 0.1, 16, mirror=Mirror(0.5, -1, pendulum=True)).points
+    assert find_profile_pattern(narrow) is None
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'shows'),
+    [('unsure', 0.19, True), ('unsure', 0.21, False), ('off', 0.49, True), ('off', 0.51, False)],
+)
+def test_a_scanner_must_show(
+    monkeypatch: pytest.MonkeyPatch, field: str, value: float, *, shows: bool
+) -> None:
+    """Up to 0.2 m, and half a step of the mirror."""
+    value *= 2 * np.pi / 120 if field == 'off' else 1.0
+
+    def fit(xyz: Floats, turned: Floats) -> Fit:
+        found = fit_lines(xyz, turned)
+        return found._replace(**{field: np.full(len(xyz), value)})
+
+    monkeypatch.setattr(profile_scanner, 'fit_lines', fit)
+    assert (find_profile_pattern(Drive(5).points) is not None) == shows
 
 
 def test_lines_without_returns() -> None:
