@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     AWAY,
     FEWEST,
     SAMPLES,
-    Lines,
+    TimedLines,
     find_scanner,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
@@ -70,7 +70,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         return None
     # Lines in order of time, whatever their numbers.
     rank = np.argsort(t[first[:-1]], kind='stable')
-    scanner = find_scanner(Lines(points.xyz, t, order, first, rank), threads)
+    scanner = find_scanner(TimedLines(points.xyz, t, order, first, rank), threads)
     if scanner is None:
         return None
     phase, distance = scanner.turned, _ranges(points.xyz, scanner.position, order, first)

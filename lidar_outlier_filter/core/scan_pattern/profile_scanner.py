@@ -63,7 +63,7 @@ class Scanner(NamedTuple):
     turned: Floats
 
 
-class Lines(NamedTuple):
+class TimedLines(NamedTuple):
     """N points of L lines.
 
     Attributes
@@ -106,7 +106,7 @@ class _Mirror(NamedTuple):
     swings: bool
 
 
-def find_scanner(lines: Lines, threads: int = 0) -> Scanner | None:
+def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
     """Find where the scanner was; None where that does not show.
 
     At most so many ``threads`` work at once; 0 for as many as there are cores.
@@ -121,7 +121,7 @@ def find_scanner(lines: Lines, threads: int = 0) -> Scanner | None:
     return None
 
 
-def _turning_mirror(lines: Lines) -> _Mirror | None:
+def _turning_mirror(lines: TimedLines) -> _Mirror | None:
     """Return the angles of a mirror that turns once in a line."""
     period = float(np.median(np.diff(lines.begins)))
     if not period > 0.0:
@@ -131,7 +131,7 @@ def _turning_mirror(lines: Lines) -> _Mirror | None:
     return _Mirror(turned - turned.min(), _usual_step(lines) * (TURN / period), turns, swings=False)
 
 
-def _swinging_mirror(lines: Lines) -> _Mirror | None:
+def _swinging_mirror(lines: TimedLines) -> _Mirror | None:
     """Return the angles of a mirror that swings once in a line, as if always the same way."""
     # Where one end has no returns, every second line begins late.
     pairs = lines.begins[2:] - lines.begins[:-2]
@@ -168,7 +168,7 @@ def _find_swing(xyz: Floats, wave: Floats) -> tuple[float, float]:
     return swing, least * swing
 
 
-def _since(lines: Lines, period: float) -> tuple[Floats, Floats]:
+def _since(lines: TimedLines, period: float) -> tuple[Floats, Floats]:
     """Return the turn of each line (L,), and how long before each shot it began (N,), ns."""
     t, first, rank = lines.t, lines.first, lines.rank
     middle = t[first[:-1] + lines.sizes // 2][rank]
@@ -179,13 +179,13 @@ def _since(lines: Lines, period: float) -> tuple[Floats, Floats]:
     return turns, since
 
 
-def _usual_step(lines: Lines) -> float:
+def _usual_step(lines: TimedLines) -> float:
     """Return the median time between two shots, ns."""
     passed = np.diff(lines.t)
     return float(np.median(passed[passed > 0])) if len(passed) else 0.0
 
 
-def _locate(lines: Lines, mirror: _Mirror, threads: int) -> Scanner | None:
+def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     """Find where the scanner was, if its mirror moved so; None where points lie elsewhere."""
     xyz, order, rank = lines.xyz, lines.order, lines.rank
     some, count = lines.places(EVENLY), len(rank)
