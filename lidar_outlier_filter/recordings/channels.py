@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rosbags.convert.converter import is_same_wireformat
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag1,
     ConnectionExtRosbag2,
+    MessageDefinition,
     MessageDefinitionFormat,
     Qos,
     QosDurability,
@@ -21,6 +22,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import RecordingError
@@ -64,6 +66,12 @@ class Topic:
     qos: tuple[Qos, ...] = ()
 
 
+_FORMATS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL,
+    '': MessageDefinitionFormat.NONE,
+}
 TYPES = 256  # whose hashes are kept
 Channels = dict[int, 'tuple[Topic, Callable[[bytes], bytes]]']
 
@@ -84,6 +92,22 @@ def ros2_channels(connections: Sequence[Connection]) -> Channels:
         topic = Topic(name, msgtype, *_ros2_definition(group[0]), tuple(qos))
         channels.update({connection.id: (topic, bytes) for connection in group})
     return channels
+
+
+def topic_of(  # noqa: PLR0913  the columns of a database
+    name: str,
+    msgtype: str,
+    definition: tuple[str, str],
+    encoding: str,
+    qos: str,
+    digest: str = '',
+) -> Topic:
+    """Describe a topic of ROS 2; on damaged bytes the decoders may raise any error."""
+    owner: Any = None
+    kind = MessageDefinition(_FORMATS[definition[0]], definition[1])
+    extension = ConnectionExtRosbag2(encoding, parse_qos(qos) if qos else [])
+    connection = Connection(0, name, msgtype, kind, digest, 0, extension, owner)
+    return ros2_channels([connection])[0][0]
 
 
 def _ros2_definition(connection: Connection) -> tuple[str, str]:

@@ -22,13 +22,6 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-)
-from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, writable
@@ -41,7 +34,7 @@ from lidar_outlier_filter.recordings.bags import (
     check_regular,
     texts_by_name,
 )
-from lidar_outlier_filter.recordings.channels import ros2_channels
+from lidar_outlier_filter.recordings.channels import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -49,12 +42,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.channels import Topic
 
 MAX_REASONS = 1000  # that are kept
-_FORMATS = {
-    'ros2msg': MessageDefinitionFormat.MSG,
-    'ros2idl': MessageDefinitionFormat.IDL,
-    'omgidl': MessageDefinitionFormat.IDL,
-    '': MessageDefinitionFormat.NONE,
-}
 _LOGS = ('-wal', '-journal')  # of SQLite, beside a database
 
 # A message with its bag time, ns; without one, a topic that the file has.
@@ -67,11 +54,11 @@ class Losses:
 
     Attributes
     ----------
-    messages : as far as they can be counted: by statistics, by indexes, by ``metadata.yaml``
+    messages : as far as they can be counted
     chunks : of messages that cannot be unpacked, or whose checksum is wrong
     reasons : a clause for each loss, of the first ``MAX_REASONS``
     more : losses beyond these
-    expected : messages that the files of the recording count
+    expected : messages by the statistics and indexes of the files
 
     """
 
@@ -189,30 +176,15 @@ def _files(path: Path, bag: Mapping[str, Any], losses: Losses) -> Iterator[Path]
 
 def _open(path: Path, folder: Path, largest: int, losses: Losses) -> Iterable[_Item]:
     """Give the topics and messages of a file as far as they can be read, a topic first."""
-    if path.suffix == '.bag':
-        return _ros1_bag(path, largest, losses)
-    if path.suffix == '.mcap':
-        return _McapFile(path, largest, losses)
-    if path.suffix == '.db3':
-        return _database(_with_log(path, folder, losses), losses)
+    match path.suffix:
+        case '.bag':
+            return _ros1_bag(path, largest, losses)
+        case '.mcap':
+            return _McapFile(path, largest, losses)
+        case '.db3':
+            return _database(_with_log(path, folder, losses), losses)
     must_be = 'a ROS 2 bag folder, .mcap, .db3 or a ROS 1 .bag'
     raise RecordingError('the recording', must_be, path)
-
-
-def _topic_of(  # noqa: PLR0913  the columns of a database
-    name: str,
-    msgtype: str,
-    definition: tuple[str, str],
-    encoding: str,
-    qos: str,
-    digest: str = '',
-) -> Topic:
-    """Describe a topic; on damaged bytes the decoders may raise any error."""
-    owner: Any = None
-    kind = MessageDefinition(_FORMATS[definition[0]], definition[1])
-    extension = ConnectionExtRosbag2(encoding, parse_qos(qos) if qos else [])
-    connection = Connection(0, name, msgtype, kind, digest, 0, extension, owner)
-    return ros2_channels([connection])[0][0]
 
 
 def _ros1_bag(path: Path, largest: int, losses: Losses) -> Iterator[_Item]:
@@ -277,10 +249,7 @@ class _McapFile:
     def _unpacked(self, chunk: Chunk) -> list[McapRecord]:
         """Return the records of a chunk; none, if not all of it can be read."""
         try:
-            size = max(chunk.uncompressed_size, len(chunk.data))
-            if size > self._largest:
-                raise RecordingError('a chunk', f'of at most {self._largest} bytes', size)  # noqa: TRY301
-            return list(_records(chunk))
+            return list(_records(chunk, self._largest))
         except Exception as err:  # noqa: BLE001  as above
             times = f'from {chunk.message_start_time} to {chunk.message_end_time} ns'
             self._lose(f'the chunk {times}: {_words(err)}', chunks=1)
@@ -308,14 +277,16 @@ class _McapFile:
             definition = (schema.encoding, schema.data.decode(errors='replace'))
             qos = channel.metadata.get('offered_qos_profiles', '')
             encoding = channel.message_encoding
-            return _topic_of(channel.topic, schema.name, definition, encoding, qos)
+            return topic_of(channel.topic, schema.name, definition, encoding, qos)
         except Exception as err:  # noqa: BLE001  as above
             self._lose(f'the topic {channel.topic}: {said_by(err)}')
             return None
 
 
-def _records(chunk: Chunk) -> Iterator[McapRecord]:
+def _records(chunk: Chunk, largest: int) -> Iterator[McapRecord]:
     """Unpack a chunk, and read its records up to its end."""
+    if (size := max(chunk.uncompressed_size, len(chunk.data))) > largest:
+        raise RecordingError('a chunk', f'of at most {largest} bytes', size)
     data, size = get_chunk_data_stream(chunk, validate_crc=True)
     if size != chunk.uncompressed_size:
         raise RecordingError('a chunk', f'of {chunk.uncompressed_size} bytes', size)
@@ -379,7 +350,7 @@ def _database_topics(
     for found in database.execute('SELECT * FROM topics ORDER BY id'):
         row = dict(found)
         try:
-            topics[row['id']] = _topic_of(
+            topics[row['id']] = topic_of(
                 row['name'],
                 row['type'],
                 definitions.get(row['type'], ('', '')),
