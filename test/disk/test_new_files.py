@@ -44,7 +44,7 @@ def names(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize('error', [KeyboardInterrupt, CloudError, SystemExit])
 def test_nothing_is_left_behind(tmp_path: Path, error: type[BaseException]) -> None:
-    """Whatever goes wrong leaves nothing behind."""
+    """An error of any kind leaves nothing behind."""
 
     def fail() -> None:
         with new_files([tmp_path / 'a', tmp_path / 'b']) as built:
@@ -151,7 +151,7 @@ def test_what_was_made_meanwhile_stays(tmp_path: Path) -> None:
 @pytest.mark.usefixtures('renames')
 @pytest.mark.parametrize('must_be', [FILE, FOLDER])
 def test_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, must_be: str) -> None:
-    """The older one stays until the new one is whole; what was made meanwhile is refused."""
+    """The older output stays until the new one is complete; a name taken meanwhile is refused."""
     path = tmp_path / 'output'
 
     def write(text: str, then: Callable[[Path], object]) -> None:
@@ -200,7 +200,7 @@ def test_all_or_none(tmp_path: Path) -> None:
 
 
 def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
-    """Whatever else goes wrong with a name is said in one sentence."""
+    """Other errors of a rename give one sentence."""
 
     def write() -> None:
         with new_output(tmp_path / 'folder' / 'file') as built:
@@ -259,7 +259,7 @@ print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
     [('clean', 'clouds/plane.laz'), ('replay', 'bags/vlp16_mrpt_mcap')],
 )
 def test_killed_runs(real_data: Path, tmp_path: Path, what: str, source: str) -> None:
-    """Nothing stands under the final name; the next run succeeds, and removes what was left."""
+    """No output has its final name; the next run succeeds, and removes the hidden folder."""
     command = [sys.executable, str(KILLING), what, str(real_data / source), str(tmp_path), '4']
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()
@@ -361,7 +361,7 @@ print(main(['replay', '--set', 'chain=[sor]', *sys.argv[2:]]))
 
 @pytest.mark.parametrize(('limit', 'more'), [(1000, []), (6000, ['--salvage'])])
 def test_full_disk_of_a_replay(tmp_path: Path, limit: int, more: list[str]) -> None:
-    """Where no more can be written, of the bag or of a copy, one sentence says so."""
+    """A disk that is full while the bag or a copy is written gives one sentence."""
     source, output = write_recording('folder', tmp_path), tmp_path / 'out'
     arguments = [str(limit), str(source), '--output', str(output), *more]
     command = [sys.executable, '-c', FULL_REPLAY, *arguments]
@@ -378,7 +378,7 @@ def test_full_disk_of_a_replay(tmp_path: Path, limit: int, more: list[str]) -> N
 def test_target_that_cannot_be_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], folder: str, more: list[str]
 ) -> None:
-    """A folder that nobody may write to, or that is not there, is refused in one sentence."""
+    """A folder that is read-only or missing is refused in one sentence."""
     source = write_recording('mcap', tmp_path)
     command = ['replay', str(source), '--output', f'{folder}/out', '--set', 'chain=[sor]', *more]
     assert main(command) == 1

@@ -79,7 +79,7 @@ def test_angles(tmp_path: Path) -> None:
 
 
 def test_copy_is_ply(tmp_path: Path) -> None:
-    """With every column that is read, those of the verdict, and without what is left out."""
+    """The copy has all columns and those of the verdict, without removed points."""
     path = write(tmp_path / 'two.e57')
     keep, added = every_third(2 * COUNT), verdict(2 * COUNT)
     copy = copied(path, Change(keep, added=added), 'two.ply')
@@ -113,7 +113,7 @@ COUNTED = b'recordCount="50"'
     ],
 )
 def test_wrong_counts(tmp_path: Path, said: str, sentence: str) -> None:
-    """More points than there are, or none; that there are fewer, nobody notices."""
+    """Too large a count and a count of 0 are refused; too small a count is not noticed."""
     path = write_e57(tmp_path / 'one.e57', [cartesian(1)])
     data = path.read_bytes()
     path.write_bytes(reworded(data, COUNTED, COUNTED))

@@ -96,7 +96,7 @@ def real(real_data: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Pat
 
 @pytest.mark.parametrize('real', REAL, indirect=True)
 def test_real_files(real: Path) -> None:
-    """Header, records and points of a copy are those of the file, but for what is changed."""
+    """Header, records and points of a copy are those of the file, except for changes."""
     before, points = real.read_bytes(), raw(real)
     copy = copied(real, Change())
     after = copy.read_bytes()
@@ -173,7 +173,7 @@ def test_legacy_counts(tmp_path: Path, *, legacy: bool) -> None:
 
 @pytest.mark.parametrize('point_format', [3, 7])
 def test_added_columns(tmp_path: Path, point_format: int) -> None:
-    """Added columns are extra dimensions behind those that there are; all else is kept."""
+    """Added columns are extra dimensions behind existing ones; everything else is kept."""
     path = make(tmp_path / 'made.laz', point_format)
     added = verdict(1000)
     copy = copied(path, Change(added=added))
@@ -262,7 +262,7 @@ def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
 
 
 def test_copc(tmp_path: Path) -> None:
-    """All levels are read, in the order of the file; the copy is LAZ, and says no more it is COPC.
+    """All levels are read, in the order of the file; the copy is LAZ without the records of COPC.
 
     Its points lie otherwise.
     """

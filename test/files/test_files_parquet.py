@@ -99,7 +99,7 @@ def test_damaged(tmp_path: Path) -> None:
     ],
 )
 def test_counts_that_lie(tmp_path: Path, said: bytes, other: bytes, refusal: str) -> None:
-    """The counts of all points and of each part agree, and are none below 0."""
+    """The counts of all points and of each part agree, and none is negative."""
     path = make(tmp_path)
     data = path.read_bytes()
     footer = len(data) - 8 - int.from_bytes(data[-8:-4], 'little')

@@ -106,7 +106,7 @@ def test_incompressible(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('form', FORMS)
 def test_columns(tmp_path: Path, form: str) -> None:
-    """Fields of one number are columns, padding and fields of several are none."""
+    """Fields of one number are columns; padding and fields of several numbers are not."""
     path = make(tmp_path, form)
     assert list(open_cloud(path).columns) == ['x', 'y', 'z', 'ring', 'time']
     written = np.frombuffer(rows(), ROW)

@@ -85,7 +85,7 @@ def test_copies_keep_bytes(tmp_path: Path, form: str) -> None:
 
 
 def test_line_ends(tmp_path: Path) -> None:
-    """CRLF stays CRLF, in what is added too."""
+    """CRLF stays CRLF, also in added lines."""
     path = make(tmp_path, with_faces=True)
     path.write_bytes(path.read_bytes().replace(b'\n', b'\r\n'))
     before = columns(path)

@@ -67,7 +67,7 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
 
 
 def test_two_coordinates(tmp_path: Path) -> None:
-    """Of two coordinates z is 0; what is not known, or all 0, is no point."""
+    """With two coordinates z is 0; missing values and all zeros are missing returns."""
     found = loaded(table(tmp_path, 'lat,lon\n45.1,7.2\n,7.3\n0,0\n0,7\n'), 'lat', 'lon')
     expected = [[45.1, 7.2, 0], [np.nan, 7.3, 0], [0, 0, 0], [0, 7, 0]]
     np.testing.assert_array_equal(found.points.xyz, expected)
@@ -127,7 +127,7 @@ def test_refused_columns(tmp_path: Path, values: dict[str, Any], sentence: str) 
 
 
 def test_absurd_coordinates(tmp_path: Path) -> None:
-    """The rule for clouds holds for files: what was never measured is refused."""
+    """As in clouds, impossible coordinates are refused."""
     path = table(tmp_path, 'x,y,z\n1,2,3\n1,-1.0000001e9,3\n')
     with pytest.raises(CloudError, match=r'^the coordinates of a point must be within 1e\+09 m'):
         loaded(path, 'x', 'y', 'z', timed=False)
@@ -137,7 +137,7 @@ EXACT = 1_493_800_000_000_000_001  # nanoseconds; a float64 knows the hundreds o
 
 
 def with_gaps(path: Path, rows: Sequence[tuple[float | None, ...]]) -> Path:
-    """Write x, y, z, ring and timestamp into a table of any kind; None is what is not known."""
+    """Write x, y, z, ring and timestamp into a table of any format; None is missing."""
     names = ('x', 'y', 'z', 'ring', 'timestamp')
     if path.suffix == '.csv':
         texts = [','.join('' if one is None else str(one) for one in row) for row in rows]
@@ -223,7 +223,7 @@ def las(folder: Path, **columns: Any) -> Path:
 
 
 def groups(line: np.ndarray[Any, Any]) -> list[int]:
-    """Give each line the number of those before it."""
+    """Replace the number of each line by its order of appearance."""
     first = list(dict.fromkeys(line.tolist()))
     return [first.index(one) for one in line.tolist()]
 
@@ -267,7 +267,7 @@ def test_lines_by_angle_over_open_ground(tmp_path: Path, sense: int) -> None:
 
 
 def test_a_named_angle_decides_alone(tmp_path: Path) -> None:
-    """The scan angle may be said to decide."""
+    """The scan angle decides if a parameter names it."""
     angle = np.array([-3000, 0, 3000, -3000, 0, 3000, -2900, 100])
     direction = np.arange(8) % 2
     path = las(tmp_path, gps_time=np.arange(8), scan_angle=angle, scan_direction_flag=direction)
@@ -289,7 +289,7 @@ def test_sources_and_returns_are_apart(tmp_path: Path) -> None:
 
 
 def test_no_scan_lines(tmp_path: Path) -> None:
-    """Where nothing says of a mirror, or there is one line only, there are no scan lines."""
+    """Without columns of a mirror, or with a single line, there are no scan lines."""
     source = np.arange(8) // 4
     path = las(tmp_path, gps_time=source, point_source_id=source, scan_direction_flag=source)
     assert loaded(path).lines == ''

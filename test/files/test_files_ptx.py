@@ -57,7 +57,7 @@ def test_what_is_left_out_is_missing(tmp_path: Path) -> None:
 
 
 def test_colours(tmp_path: Path) -> None:
-    """Lines of seven numbers have colours, and a missing return of such has black ones."""
+    """Lines of seven numbers have colours; there, missing returns are black."""
     first, second = ([f'{line} 1 2 255' for line in part] for part in (FIRST, SECOND))
     path = make(tmp_path / 'two.ptx', first, second)
     assert list(open_cloud(path).columns) == ['x', 'y', 'z', 'intensity', 'red', 'green', 'blue']
@@ -70,7 +70,7 @@ def test_colours(tmp_path: Path) -> None:
 
 
 def test_clean(tmp_path: Path) -> None:
-    """A point far off becomes a missing return; where outliers are separated, all others do."""
+    """An outlier becomes a missing return; in the file of outliers, all other points do."""
     near = np.random.default_rng(4).normal(size=(199, 2)).round(3)
     lines = [f'{x} {y} 5 0.5' for x, y in near] + ['90 90 90 0.75']
     path = make(tmp_path / 'two.ptx', lines, SECOND)
@@ -127,5 +127,5 @@ def test_no_columns_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
-    """Counts that are not those of the lines, poses that are none, lines of other lengths."""
+    """Wrong counts, wrong poses and lines of other lengths are refused."""
     check_refused(make(tmp_path / 'two.ptx'), old, new, sentence)

@@ -96,7 +96,7 @@ def test_separators(tmp_path: Path, separator: str, names: str, mark: bytes) -> 
 
 
 def test_blanks_and_empty_lines(tmp_path: Path) -> None:
-    """Several blanks are one separator, those at the end none; empty lines are no rows."""
+    """Several blanks are one separator, trailing blanks are ignored; empty lines are no rows."""
     for data in (b'1   2 3 \n\n 4 5    6\n   \n7 8 9', b'1 2 3\n4 5 6\n7 8 9\n\n'):
         path = make(tmp_path, data, 'cloud.txt')
         assert [column.tolist() for column in columns(path)] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""LAS and LAZ files in feet are judged in metres, and say so; what is written stays in feet."""
+"""LAS and LAZ files in feet are judged in metres, and reported; copies stay in feet."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ NO_SYSTEM = 'the coordinate system of cloud.las must be one that PROJ knows'
 )
 @pytest.mark.parametrize('counts', [True, False])
 def test_units(records: list[tuple[int, bytes]], expected: Any, *, counts: bool) -> None:
-    """Whatever the header says of WKT, the only record that names a unit counts; or a refusal."""
+    """A single record that names a unit is used, whatever the header says of WKT."""
     if isinstance(expected, str):
         with pytest.raises(CloudError, match=expected):
             metres_per_unit(dict(records), HERE, wkt=counts)
@@ -97,7 +97,7 @@ def test_units(records: list[tuple[int, bytes]], expected: Any, *, counts: bool)
 
 
 def test_which_of_both_counts() -> None:
-    """The header says so."""
+    """With units in both, the header decides."""
     both = dict([wkt(FLAT), keys((3076, 0, 1, 9002))])
     assert metres_per_unit(both, HERE, wkt=False)['x'] == FOOT
     assert metres_per_unit(both, HERE, wkt=True)['x'] == pytest.approx(SURVEY)

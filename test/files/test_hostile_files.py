@@ -95,7 +95,7 @@ def refused(path: Path, sentence: str = ' must be ') -> None:
     ],
 )
 def test_numbers_of_a_las_header(tmp_path: Path, offset: int, data: str, sentence: str) -> None:
-    """A count or an offset beyond what is in the file is refused, whatever it counts."""
+    """A count or an offset beyond the file is refused."""
     largest = 256 ** struct.calcsize(data) - 1
     refused(patch(las(tmp_path), offset, struct.pack(data, largest)), sentence)
 
@@ -143,7 +143,7 @@ def test_number_of_laz_points(tmp_path: Path, point_format: int, said: int, foun
 def test_what_laz_says(
     tmp_path: Path, point_format: int, part: str, offset: int, data: bytes
 ) -> None:
-    """Whatever the library for LAZ makes of it, and if it ends its process, the file is refused."""
+    """Damaged LAZ is refused, even where the library ends its process."""
     path = las(tmp_path, 'cloud.laz', point_format)
     begin = number(path, 96, 4)
     places = {
@@ -232,7 +232,7 @@ print(peak() - before)
 
 
 def opened(path: Path) -> str:
-    """Open, read and copy a file in a process of its own; return what it says of it."""
+    """Open, read and copy a file in its own process; return its message."""
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM, str(path)], capture_output=True, text=True, check=True
     )
@@ -281,7 +281,7 @@ def test_a_column_that_is_packed(tmp_path: Path) -> None:
 
 
 def test_more_points_than_there_can_be(tmp_path: Path) -> None:
-    """Points that are all one, in a thousand of which not one byte is left, are none."""
+    """More points than a file of that size can hold are refused."""
     path = tmp_path / 'cloud.parquet'
     one = pa.array(np.zeros(50_000_000, np.float32))
     table, most = pa.table({'x': one, 'y': one, 'z': one}), 2**30
@@ -334,7 +334,7 @@ MANY = 'WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i <
     ],
 )
 def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> None:
-    """A column that is computed when it is read, or a check, makes no value as large as it says."""
+    """Computed columns and checks cannot produce huge values."""
     path = tmp_path / 'cloud.db'
     run(path, f'CREATE TABLE t ({table})', 'PRAGMA ignore_check_constraints = ON')
     names = 'y, z' if table.startswith('x AS') else 'x, y, z'
@@ -346,7 +346,7 @@ def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> Non
 
 
 def test_a_virtual_table(tmp_path: Path) -> None:
-    """A table whose rows a module makes is none that can be judged."""
+    """A virtual table, whose rows a module computes, is refused."""
     path = tmp_path / 'cloud.db'
     run(path, 'CREATE VIRTUAL TABLE t USING fts5(x, y, z)')
     with pytest.raises(CloudError, match=r'the table of .* must be one of .*, got .*t'):

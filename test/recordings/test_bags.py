@@ -241,7 +241,7 @@ def test_ros1_type_with_two_definitions_is_refused(tmp_path: Path) -> None:
 
 
 def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
-    """The mcap reader finds every message by index; no file says of the hidden folder."""
+    """The mcap reader finds every message by index; no file names the hidden folder."""
     target = copy(write_bag(tmp_path / 'source', StoragePlugin.SQLITE3), tmp_path / 'target')
     assert sorted(path.name for path in target.iterdir()) == ['metadata.yaml', 'target.mcap']
     assert not any(b'partial' in path.read_bytes() for path in target.iterdir())
@@ -260,7 +260,7 @@ def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
 
 
 def write_until(target: Path, time: int, error: type[BaseException]) -> None:
-    """Write a message, see that it is hidden, and come upon an error."""
+    """Write a message, check that it is hidden, and raise an error."""
     with NewBag(target) as bag:
         bag.add(TOPICS[1])
         (hidden,) = target.parent.iterdir()
@@ -316,7 +316,7 @@ def test_log_of_a_database(tmp_path: Path) -> None:
 
 
 def test_other_encoding_is_refused(tmp_path: Path) -> None:
-    """A lone MCAP file may hold what is no CDR."""
+    """A lone MCAP file with another encoding than CDR is refused."""
     with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topic = known('/text', STRING)
         writer.add_connection(

@@ -116,7 +116,7 @@ def test_chunks_larger_than_allowed(tmp_path: Path, compression: CompressionType
 @pytest.mark.parametrize('options', list(product([True, False], repeat=4)))
 @pytest.mark.parametrize('compression', list(CompressionType))
 def test_index(tmp_path: Path, options: tuple[bool, ...], compression: CompressionType) -> None:
-    """Whatever of the index a file lacks, its messages are all found, or it is refused."""
+    """With any part of the index missing, all messages are found, or the file is refused."""
     use = dict(zip(('use_chunking', 'use_statistics', 'repeat_channels'), options, strict=False))
     kinds = IndexType.ALL if options[3] else IndexType.NONE
     path = write(tmp_path / 'a.mcap', compression, 99, index_types=kinds, **use)

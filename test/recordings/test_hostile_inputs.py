@@ -165,7 +165,7 @@ def test_names_that_a_terminal_obeys(name: str, capsys: pytest.CaptureFixture[st
 
 
 def test_an_error_of_another_process() -> None:
-    """It comes with its kind, its sentence, and what else is known of it."""
+    """It keeps its type, its sentence and its attributes."""
     damage = RecordingError('the bag', 'whole', 'half of it')
     damage.is_damage = True
     for error in (damage, CloudError('a', 'b', '\n'), JudgingError(ValueError('no'))):

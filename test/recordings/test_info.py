@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ``info`` says: that of the sensor's maker, and of a replay; or one sentence."""
+"""Output of ``info``: it agrees with the sensor's maker and with a replay."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def rings(elevations: list[float], columns: int = 360) -> Points:
 
 
 def test_rings_are_seen() -> None:
-    """Elevation, steps and azimuth of a sensor are those that it was made with."""
+    """Elevation, steps and azimuth of a simulated sensor are recovered."""
     found = scan_geometry(rings([-15.0, -5.0, 5.0, 15.0]))
     assert found is not None
     assert (found.lines, found.per_line, found.even) == (4, 359, True)
@@ -111,7 +111,7 @@ def test_lines_across_a_road_are_no_rings() -> None:
 def test_real_sensors(  # noqa: PLR0913  a row of the table
     real_data: Path, name: str, lines: int, low: float, high: float, *, even: bool
 ) -> None:
-    """Rings are as many, and as high, as the maker says."""
+    """Number and elevation of rings agree with the data sheet."""
     info = describe_recording(real_data / 'bags' / name)
     (cloud,) = info.clouds.values()
     found = cloud.geometry
@@ -190,7 +190,7 @@ def test_command_on_a_file(real_data: Path, capsys: Capture) -> None:
 
 
 def test_extent_of_a_file(tmp_path: Path) -> None:
-    """Missing numbers have no extent; those of a column come from all chunks."""
+    """Missing numbers do not count in the extent of a column."""
     path = tmp_path / 'a.csv'
     path.write_text('x,y,note\n1,nan,a\n-2.5,7,b\n')
     info = describe_file(path)
@@ -208,7 +208,7 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     ],
 )
 def test_refused_in_one_sentence(arguments: list[str], sentence: str, capsys: Capture) -> None:
-    """What is not there, or makes no sense, costs one line and status 1."""
+    """A missing input or a wrong option gives one line and exit status 1."""
     assert main(['info', *arguments]) == 1
     shown = capsys.readouterr()
     assert (shown.out, shown.err.count('\n')) == ('', 1)

@@ -54,7 +54,7 @@ def record(path: Path, *, moves: bool = True, metres: float | None = None, parts
 
 @pytest.mark.parametrize(('metres', 'parts'), [(None, 1), (1.2, 1), (None, 5)])
 def test_learns_of_a_drive(metres: float | None, parts: int, tmp_path: Path) -> None:
-    """Whether odometry says that it moves, or the scene; and however turns were cut."""
+    """A mask is learnt with odometry or by the scene, however turns were cut."""
     bag = record(tmp_path / 'drive', metres=metres, parts=parts)
     found = learn_mask(bag, FilterParameters())
     assert (found.topic, found.odometry) == ('/lidar', '' if metres is None else '/odom')
@@ -65,7 +65,7 @@ def test_learns_of_a_drive(metres: float | None, parts: int, tmp_path: Path) -> 
 
 @pytest.mark.parametrize('metres', [None, 0.01])
 def test_a_vehicle_that_stands_is_refused(metres: float | None, tmp_path: Path) -> None:
-    """What stays where it is says nothing then; odometry counts more than the scene."""
+    """Without movement no mask is learnt; odometry has precedence over the scene."""
     bag = record(tmp_path / 'stand', moves=metres is not None, metres=metres)
     with pytest.raises(RecordingError, match=f'got 1 of {TURNS}: the vehicle does not move'):
         learn_mask(bag, FilterParameters())

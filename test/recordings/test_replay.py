@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Replay: every cloud gets its answer, and everything else stays as it is."""
+"""Replay: every cloud is filtered, and everything else is copied unchanged."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize('name', REAL)
 def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
-    """Of each real recording, every point is in one answer, and every message is copied."""
+    """In each real recording, every point is in one output cloud, and every message is copied."""
     strict = {'boosted_trees.threshold': 0.75}  # or next to nothing is rejected
     report = replay(recordings / 'bags' / name, tmp_path / 'out', parameters=strict)
     assert report.is_complete
@@ -112,7 +112,7 @@ def test_everything_else_is_copied(tmp_path: Path) -> None:
 
 
 def test_each_topic_is_its_own_stream(tmp_path: Path) -> None:
-    """Two lidars with the same clouds, one of them chosen or both, give the same answers."""
+    """Two lidars with the same clouds give the same outputs, chosen alone or together."""
     source = write_drive(tmp_path / 'drive', map(cloud, range(6)), ('/left', '/right'))
     both = replay(source, tmp_path / 'both', drop_input=True)
     one = replay(source, tmp_path / 'one', ['/left', '/left'], drop_input=True)
@@ -127,7 +127,7 @@ def test_each_topic_is_its_own_stream(tmp_path: Path) -> None:
 
 
 def test_refused_clouds_are_counted(tmp_path: Path) -> None:
-    """A cloud that lies and one that is no cloud have no answer; all others have theirs."""
+    """An inconsistent cloud and an undecodable one are refused; all others are filtered."""
     liar = cloud(2)
     liar.data = liar.data[:-1]
     clouds = [cloud(0), cloud(1), liar, b'\0\1\0\0nothing', cloud(4), cloud(5)]
@@ -158,7 +158,7 @@ def test_no_point_is_tested(
     value: float,
     because: str,
 ) -> None:
-    """Where no point of a topic could be tested, it is said why, and the exit status is 3."""
+    """If no point of a topic could be tested, the reason is reported, with exit status 3."""
     clouds = []
     for index in range(2):
         msg = cloud(index)
@@ -173,7 +173,7 @@ def test_no_point_is_tested(
 
 
 def test_two_types_on_one_topic(tmp_path: Path) -> None:
-    """What else comes on the topic of the clouds is copied; it is no cloud, and not refused."""
+    """Messages of another type on the topic of the clouds are copied, not refused."""
     source = tmp_path / 'drive'
     clouds, texts = topic_of('/lidar', CLOUD), topic_of('/lidar', STRING)
     with NewBag(source) as bag:
@@ -201,7 +201,7 @@ def test_two_types_on_one_topic(tmp_path: Path) -> None:
     ],
 )
 def test_a_cloud_stands_before_its_answers(tmp_path: Path, values: dict[str, object]) -> None:
-    """At one time a cloud is in the output before what was made of it: cleaned, then outliers."""
+    """At equal times a cloud comes before its outputs: cleaned, then outliers."""
     source = write_drive(tmp_path / 'drive', map(cloud, range(6)))
     replay(source, tmp_path / 'out', parameters=values)
     with Recording(tmp_path / 'out') as recording:
@@ -244,7 +244,7 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('name', ['512x10_raw.bag', 'continental_ars548', 'example.bag'])
 def test_real_recording_without_clouds(real_data: Path, tmp_path: Path, name: str) -> None:
-    """Raw packets, radar and turtles are no clouds; the sentence says what is there instead."""
+    """Recordings of packets, radar and turtles are refused; the sentence lists their topics."""
     sentence = r'must be one with a topic of type .*, got /\w+'
     with pytest.raises(RecordingError, match=sentence):
         replay(real_data / 'not_lidar' / name, tmp_path / 'out')

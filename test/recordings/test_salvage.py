@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged recordings: what can be read is filtered, what is lost is counted, no verdict changes."""
+"""Damaged recordings: the readable part is filtered as before, and losses are counted."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_cut_off(drives: dict[str, Path], unbroken: Content, tmp_path: Path, kin
 def test_behind_a_damaged_chunk(
     drives: dict[str, Path], unbroken: Content, tmp_path: Path, harm: str, *, has_summary: bool
 ) -> None:
-    """Other chunks come out, those behind a broken length by the summary; what is lost is counted.
+    """Other chunks are salvaged, behind a broken length by the summary; losses are counted.
 
     Without a summary the index behind a chunk counts its messages.
     """
@@ -157,7 +157,7 @@ def test_any_damage(
     kind: str,
     broken: list[Damage],
 ) -> None:
-    """Whatever is done to a recording, nothing is lost quietly, and the output is whole."""
+    """With any damage, no loss is silent, and the output is complete."""
     folder = tmp_path_factory.mktemp('any')
     recording = copied(drives[kind], folder)
     for damage in broken:
