@@ -298,7 +298,7 @@ import sys
 from pathlib import Path
 from lidar_outlier_filter.recordings.replay import replay
 
-def describe_recording(done, total):
+def look(done, total):
     if done % 1200 == 0:
         print(Path('/proc/self/status').read_text())
 
