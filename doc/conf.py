@@ -14,8 +14,12 @@ from typing import TYPE_CHECKING
 
 import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors import registry
-from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.features import (
+    PROFILE,
+    REASON_NAMES,
+    SECOND_PASS,
+    WINDOW,
+)
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.yaml_files import table
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_groups
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern

@@ -75,7 +75,7 @@ def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, 
     loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees.'
     assert f'{boosted_trees}pattern_trees' in loaded
-    others = ('profile_pattern', 'profile_scanner', 'profile_groups', 'profile_features')
+    others = ('profile_pattern', 'profile_scanner', 'profile_features')
     assert not [one for one in loaded if one.endswith(others)]
     features = (f'{boosted_trees}near_', f'{boosted_trees}far_')
     assert not [one for one in loaded if one.startswith(features)]

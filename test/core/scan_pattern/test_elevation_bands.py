@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import HEIGHTS, in_bands
 

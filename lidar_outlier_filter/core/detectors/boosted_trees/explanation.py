@@ -16,24 +16,26 @@ from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import first_pass, prepare_all
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.reasons import REASON_NAMES, contribute
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    first_pass,
+    measure,
+    prepare_all,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
     SURVEY_MODEL,
+    contribute,
     load,
 )
 from lidar_outlier_filter.core.detectors.declaration import Contributions, Explanation, ReasonName
 from lidar_outlier_filter.core.neighbours.floor import look_around
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, find_places
+from lidar_outlier_filter.core.neighbours.places import K
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Singles
+    from lidar_outlier_filter.core.annotations import Bools, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import TreeModel, Trees
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
@@ -83,29 +85,23 @@ def _of_pattern(found: FoundPattern, wanted: Bools, threads: int) -> tuple[Singl
 
 def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) of wanted points without a scan pattern."""
-    places = find_places(seen.points.xyz)
-    asked = np.bincount(places.of, wanted) > 0
-    added, average = _of_places(np.take(seen.points.xyz, places.first, axis=0), asked, seen.threads)
-    columns = (np.cumsum(asked) - 1)[places.of[wanted]]
-    return added[:, columns], average[columns]
-
-
-def _of_places(xyz: Floats, wanted: Bools, threads: int) -> tuple[Singles, Singles]:
-    """Return contributions (F, M) and averages (M,) of the wanted ones of distinct places."""
-    model, count = load(SURVEY_MODEL), int(np.count_nonzero(wanted))
-    if len(xyz) <= K:  # they are not judged
-        names = NAMES[SURVEY_MODEL][1]
-        return np.zeros((len(names), count), np.float32), np.zeros(count, np.float32)
-    hood = Neighbourhood(xyz, K, threads)
-    near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), threads))
-    first = survey.first_odds(near, model.first, threads)
-    which = np.flatnonzero(wanted[hood.order])  # in tree order
+    model, xyz = load(SURVEY_MODEL), seen.points.xyz
+    hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
+    if len(hood) <= K:  # they are not judged
+        nothing = np.zeros((len(_NEIGHBOURS), np.count_nonzero(wanted)), np.float32)
+        return nothing, nothing[0]
+    near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), seen.threads))
+    first = survey.first_odds(near, model.first, seen.threads)
+    asked, column = wanted.copy(), np.empty(len(xyz), np.int64)
+    asked[original[wanted[copy]]] = True
+    which = np.flatnonzero(asked[index])  # in tree order
+    column[index[which]] = np.arange(len(which))
+    column[copy] = column[original]
     again = first[which] > np.float32(model.doubtful)
     far = Far(near, first, hood.nearest_of(which[again], min(MOST, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
     added, average = _of_passes(model, again, *values)
-    back = np.argsort(hood.order[which], kind='stable')
-    return added[:, back], average[back]
+    return added[:, column[wanted]], average[column[wanted]]
 
 
 def _of_passes(
@@ -128,7 +124,9 @@ def average_of(trees: Trees) -> float:
 
 
 EXPLANATION = Explanation(
-    reasons={number: ReasonName(name, _PATTERN[name]) for number, name in REASON_NAMES.items()},
+    reasons={
+        number: ReasonName(name, _PATTERN[name]) for number, name in features.REASON_NAMES.items()
+    },
     ways={Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS},
     of_score=(),
     choose=lambda seen, parameters: choose(seen, parameters)[0].value,

@@ -13,10 +13,12 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import near_features
 from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR, rows
-from lidar_outlier_filter.core.detectors.boosted_trees.near_features import FAR as MOST_VALUE
-from lidar_outlier_filter.core.detectors.boosted_trees.near_features import SMOOTH
-from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import (
+from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
+    FAR as MOST_VALUE,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     NARROW,
+    SMOOTH,
     add_moments,
     copy_rows,
     gather,
@@ -25,10 +27,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import (
     write_between,
     write_heights,
 )
-from lidar_outlier_filter.core.kernels.eigen import (
-    eigenvalues,
-    eigenvectors,
-)
+from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.places import LEAST, K

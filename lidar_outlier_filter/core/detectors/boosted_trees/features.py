@@ -131,6 +131,18 @@ FAR = {
 }
 
 
+# A number never changes its meaning, so each group has numbers to spare: of the window, of the
+# second pass, and of profile scanners. 0 is none.
+FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE))
+LIKELY = ('range', 'range_ratio_glare', 'uneven', 'share', 'share_range')  # no reasons
+REASON_NAMES = {
+    first + k: name
+    for first, names in FIRST_NUMBERS
+    for k, name in enumerate(names)
+    if name not in LIKELY
+}
+
+
 def rows(names: Iterable[str], begin: int = 0) -> Any:
     """Return the row of each feature as an attribute, which kernels take as a constant."""
     listed = [(name, int) for name in names]

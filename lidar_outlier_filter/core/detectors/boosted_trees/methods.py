@@ -10,16 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern, judge
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines
+from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+UNSORTED = 0.8  # share of the steps along rings that go the way the head turns, at least
 
 
 class Method(Enum):
@@ -28,6 +35,45 @@ class Method(Enum):
     PATTERN = 'trees on the scan pattern'
     NEIGHBOURS = 'trees on the neighbours of each point'
     UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
+
+
+def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
+    """Find the scan pattern of points; None where they have none, so that trees cannot judge them.
+
+    Parameters
+    ----------
+    points : valid ones
+    sensor : 'spinning', 'profile', or 'auto': whichever it is; 'free': one without rings
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    if sensor == 'free':
+        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
+        return None if pattern is None else FoundPattern(pattern, profile=False)
+    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
+    # the three fits. The frame of points that others may have moved is sought last, as it takes
+    # longest.
+    recovered = points.ring is not None
+    # Azimuths are known in the sensor's own frame only.
+    turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
+    if sensor != 'profile':
+        pattern = find_pattern(turned, threads, spins=spins)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=False)
+    if sensor != 'spinning':
+        pattern = find_profile_pattern(points, threads)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=True)
+    if sensor == 'profile':
+        return None
+    pattern = None
+    if points.own is None and not recovered:
+        moved = find_own_frame(points)
+        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
+    if pattern is None:
+        # Rows of a range image, whose azimuths are not sorted.
+        pattern = find_pattern(turned, threads, spins=spins, steady=UNSORTED)
+    return None if pattern is None else FoundPattern(pattern, profile=False)
 
 
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:

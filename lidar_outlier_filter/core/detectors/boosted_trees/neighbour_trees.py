@@ -23,6 +23,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     LEAST_LOG_ODDS,
+    NO_TREES,
     SURVEY_MODEL,
     Trees,
     add_lanes,
@@ -30,7 +31,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 )
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K, find_copies, numbers
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
+NO_VALUES = np.empty((0, 0), np.float32)
 AT_ONCE = 128 * LANES  # points that a thread takes at once
 SAMPLED = 8  # points: of one of so many it is found first whether its component is large
 
@@ -62,31 +64,41 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
 
     """
     odds = np.full(len(xyz), np.nan)
-    if len(xyz) <= K:
-        return odds
-    hood = Neighbourhood(xyz, K, threads, allocate)
-    copies = find_copies(hood, xyz, K)
-    if len(copies) == 0:
-        odds[hood.order] = _measure(hood, around)
-        return odds
-    alone, (copy, original) = np.ones(len(xyz), np.bool_), copies.T
-    alone[copy] = False
-    hood = hood.without(~alone)
+    hood, index, (copy, original) = find_distinct(xyz, threads, allocate)
     if len(hood) > K:
-        odds[np.flatnonzero(alone)[hood.order]] = _measure(hood, around)
+        model = load(SURVEY_MODEL)
+        near = neighbours(hood, around)
+        first = first_odds(near, model.first, threads)
+        found = first.astype(np.float64)
+        doubtful = np.flatnonzero(first > np.float32(model.doubtful))
+        found[doubtful] = second_odds(hood, near, first, doubtful, model.again)
+        odds[index] = found
         odds[copy] = odds[original]
     return odds
 
 
-def _measure(hood: Neighbourhood, around: Floor) -> Floats:
-    """Measure more than eight points, no two of which are at one place; in tree order."""
-    model, threads = load(SURVEY_MODEL), hood.threads
-    near = neighbours(hood, around)
-    first = first_odds(near, model.first, threads)
-    odds = first.astype(np.float64)
-    doubtful = np.flatnonzero(first > np.float32(model.doubtful))
-    odds[doubtful] = second_odds(hood, near, first, doubtful, model.again)
-    return odds
+def find_distinct(
+    xyz: Floats, threads: int = 0, allocate: Allocate = np.empty
+) -> tuple[Neighbourhood, Ints, Ints]:
+    """Return the neighbourhood of M points, no two of which are at one place.
+
+    Returns
+    -------
+    hood : of these points
+    index : (M,) int64
+        Their indices as given, in tree order.
+    copies : (2, C) int64
+        Indices, as given, of all others, and of the point at the place of each.
+
+    """
+    hood = Neighbourhood(xyz, K, threads, allocate)
+    copies = find_copies(hood, xyz, K) if len(xyz) > K else np.empty((0, 2), np.int64)
+    if len(copies) == 0:
+        return hood, hood.order, copies.T
+    alone = np.ones(len(xyz), np.bool_)
+    alone[copies[:, 0]] = False
+    hood = hood.without(~alone)
+    return hood, np.flatnonzero(alone)[hood.order], copies.T
 
 
 def score(odds: Floats, threshold: float) -> Floats:
@@ -111,8 +123,11 @@ def neighbours(hood: Neighbourhood, around: Floor) -> Near:
 
 def first_odds(near: Near, trees: Trees, threads: int = 0) -> Singles:
     """Return the log-odds by the first trees (N,), in tree order."""
-    odds = np.empty(len(near.radius), np.float32)
-    pool.run(lambda i, j: _first(near, trees, i, j, odds), len(odds), AT_ONCE, threads)
+    odds, every = np.empty(len(near.radius), np.float32), np.empty(0, np.int64)
+    pool.run(
+        lambda i, j: _first(near, trees, every, i, j, odds, NO_VALUES),
+        *(len(odds), AT_ONCE, threads),
+    )
     return odds
 
 
@@ -123,77 +138,68 @@ def second_odds(
     odds = np.empty(len(which), np.float32)
     far = Far(near, first, hood.nearest_of(which, min(MOST, len(hood) - 1)))
     pool.run(
-        lambda i, j: _again(far, trees, which, i, j, odds),
+        lambda i, j: _again(far, trees, which, i, j, odds, NO_VALUES),
         *(len(which), AT_ONCE // 8, hood.threads),
     )
     return odds
 
 
-@kernel
-def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles) -> None:
-    buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
-    values, total = np.empty((near_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    for start in range(begin, end, LANES):
-        for lane in range(LANES):
-            points[lane] = min(start + lane, end - 1)
-        write_near(near, points, buffers, values)
-        add_lanes(trees, values, total)
-        for lane in range(min(LANES, end - start)):
-            odds[start + lane] = total[lane]
-
-
-@kernel
-def _again(far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles) -> None:
-    buffers = far_features.make_buffers()
-    points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    values, total = np.empty((far_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    for start in range(begin, end, LANES):
-        for lane in range(LANES):
-            rows[lane] = min(start + lane, end - 1)
-            points[lane] = which[rows[lane]]
-        write_far(far, points, rows, buffers, values)
-        add_lanes(trees, values, total)
-        for lane in range(min(LANES, end - start)):
-            odds[start + lane] = total[lane]
-
-
 def near_values(near: Near, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the first trees."""
-    values = np.empty((near_features.COUNT, len(which)), np.float32)
-    _measure_near(near, which, values)
+    values, odds = _room(near_features.COUNT, which)
+    _first(near, NO_TREES, which, 0, len(which), odds, values)
     return values
 
 
 def far_values(far: Far, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the second trees."""
-    values = np.empty((far_features.COUNT, len(which)), np.float32)
-    _measure_far(far, which, values)
+    values, odds = _room(far_features.COUNT, which)
+    _again(far, NO_TREES, which, 0, len(which), odds, values)
     return values
 
 
+def _room(count: int, which: Ints) -> tuple[Singles, Singles]:
+    return np.empty((count, len(which)), np.float32), np.empty(len(which), np.float32)
+
+
 @kernel
-def _measure_near(near: Near, which: Ints, result: Singles) -> None:
-    """Write the features (COUNT, M) of some points that the first trees see."""
+def _first(
+    near: Near, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
+) -> None:
+    """Write log-odds of points ``which`` (M,), or of all if empty; if there is room, features."""
     buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
-    values = np.empty((near_features.COUNT, LANES), np.float32)
-    for start in range(0, len(which), LANES):
+    some, total = np.empty((near_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    for start in range(begin, end, LANES):
         for lane in range(LANES):
-            points[lane] = which[min(start + lane, len(which) - 1)]
-        write_near(near, points, buffers, values)
-        count = min(LANES, len(which) - start)
-        result[:, start : start + count] = values[:, :count]
+            row = min(start + lane, end - 1)
+            points[lane] = which[row] if len(which) > 0 else row
+        write_near(near, points, buffers, some)
+        add_lanes(trees, some, total)
+        _keep(total, some, start, end, odds, values)
 
 
 @kernel
-def _measure_far(far: Far, which: Ints, result: Singles) -> None:
-    """Write the features (COUNT, M) of some points that the second trees see."""
+def _again(
+    far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
+) -> None:
+    """Write log-odds of points ``which`` (M,); where there is room, features."""
     buffers = far_features.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    values = np.empty((far_features.COUNT, LANES), np.float32)
-    for start in range(0, len(which), LANES):
+    some, total = np.empty((far_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    for start in range(begin, end, LANES):
         for lane in range(LANES):
-            rows[lane] = min(start + lane, len(which) - 1)
+            rows[lane] = min(start + lane, end - 1)
             points[lane] = which[rows[lane]]
-        write_far(far, points, rows, buffers, values)
-        count = min(LANES, len(which) - start)
-        result[:, start : start + count] = values[:, :count]
+        write_far(far, points, rows, buffers, some)
+        add_lanes(trees, some, total)
+        _keep(total, some, start, end, odds, values)
+
+
+@inner_kernel
+def _keep(
+    total: Singles, some: Singles, start: int, end: int, odds: Singles, values: Singles
+) -> None:
+    for lane in range(min(LANES, end - start)):
+        odds[start + lane] = total[lane]
+        for f in range(len(values)):
+            values[f, start + lane] = some[f, lane]

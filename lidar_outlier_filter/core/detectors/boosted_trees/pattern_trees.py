@@ -5,6 +5,10 @@
 The first pass has the features of each point's window alone. The second pass judges the points that
 are not clearly good. It has also the scores of the first pass around them, and how many points have
 high ones. The model files say what the trees were trained on.
+
+The reason of a rejected point is the feature that adds most to its score, as a number. Where that
+is the point's own result of the first pass, it is the strongest feature of that pass. Features
+that only say where outliers are likely are no reason, nor are those that trees do not ask about.
 """
 
 from __future__ import annotations
@@ -13,27 +17,45 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import (
-    make_pattern_room,
-    no_first_pass,
-    write_values,
+from lidar_outlier_filter.core.detectors.boosted_trees.features import (
+    PROFILE,
+    REASON_NAMES,
+    SECOND_PASS,
+    WINDOW,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.boosted_trees.reasons import strongest_of_trees
-from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstPass, count_scores
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import (
+    PAIRS,
+    find_groups,
+    write_profile,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import (
+    NO_FIRST_PASS,
+    FirstPass,
+    count_scores,
+    write_scores,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     LEAST_LOG_ODDS,
+    NO_TREES,
     PATTERN_MODEL,
     PROFILE_MODEL,
+    TreeModel,
     Trees,
     add_lanes,
+    contribute,
     load,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.window import (
+    PatternWindow,
+    Prepared,
+    gather,
+    make_window,
+    prepare,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.window_features import write_features
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, fill
-from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES, fill, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     LINES_AT_ONCE,
     Pattern,
@@ -42,15 +64,13 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     lines_at_once,
     spread,
 )
-from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Singles
-    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Singles
 
-UNSORTED = 0.8  # share of the steps along rings that go the way the head turns, at least
+MORE = len(PROFILE)
+COUNT_ALL = len(WINDOW) + MORE + len(SECOND_PASS)
+_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 
 
 class FoundPattern(NamedTuple):
@@ -58,45 +78,6 @@ class FoundPattern(NamedTuple):
 
     pattern: Pattern
     profile: bool
-
-
-def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
-    """Find the scan pattern of points; None where they have none, so that trees cannot judge them.
-
-    Parameters
-    ----------
-    points : valid ones
-    sensor : 'spinning', 'profile', or 'auto': whichever it is; 'free': one without rings
-    threads : at most so many at once; 0 for as many as there are cores
-
-    """
-    if sensor == 'free':
-        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-        return None if pattern is None else FoundPattern(pattern, profile=False)
-    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
-    # the three fits. The frame of points that others may have moved is sought last, as it takes
-    # longest.
-    recovered = points.ring is not None
-    # Azimuths are known in the sensor's own frame only.
-    turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
-    if sensor != 'profile':
-        pattern = find_pattern(turned, threads, spins=spins)
-        if pattern is not None:
-            return FoundPattern(pattern, profile=False)
-    if sensor != 'spinning':
-        pattern = find_profile_pattern(points, threads)
-        if pattern is not None:
-            return FoundPattern(pattern, profile=True)
-    if sensor == 'profile':
-        return None
-    pattern = None
-    if points.own is None and not recovered:
-        moved = find_own_frame(points)
-        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
-    if pattern is None:
-        # Rows of a range image, whose azimuths are not sorted.
-        pattern = find_pattern(turned, threads, spins=spins, steady=UNSORTED)
-    return None if pattern is None else FoundPattern(pattern, profile=False)
 
 
 def judge(
@@ -134,9 +115,7 @@ def judge(
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
         lambda i, j: _scale(pattern, odds, limit, i, j, score, rejected),
-        len(pattern.first),
-        lines_at_once(len(pattern.first), len(odds)),
-        threads,
+        *(len(pattern.first), lines_at_once(len(pattern.first), len(odds)), threads),
     )
     fill_copies(pattern, score)
     if reason is not None:
@@ -155,32 +134,59 @@ def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
 
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     """Give each place its log-odds; those of places without a point are 0."""
-    pattern = prepared.pattern
-    places = len(pattern.order)
-    score, all_of_them = np.zeros(places, np.float32), np.ones(places, np.bool_)
-    profile, second, nothing = prepared.profile, False, no_first_pass()
-    pool.run(
-        lambda i, j: _judge(prepared, profile, nothing, second, all_of_them, trees, i, j, score),
-        len(pattern.first),
-        LINES_AT_ONCE,
-        threads,
-    )
-    return count_scores(pattern, score)
+    score = np.zeros(len(prepared.pattern.order), np.float32)
+    _run(prepared, None, np.ones(len(score), np.bool_), trees, threads, score)
+    return count_scores(prepared.pattern, score)
 
 
 def second_pass(
     prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
 ) -> Singles:
     """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
-    result, asked = first.score.copy(), first.score > np.float32(doubtful)
-    profile, second = prepared.profile, True
-    pool.run(
-        lambda i, j: _judge(prepared, profile, first, second, asked, trees, i, j, result),
-        len(prepared.pattern.first),
-        lines_at_once(len(prepared.pattern.first), len(result)),
-        threads,
-    )
+    result = first.score.copy()
+    _run(prepared, first, first.score > np.float32(doubtful), trees, threads, result)
     return result
+
+
+def measure(
+    prepared: Prepared,
+    first: FirstPass | None = None,
+    asked: Bools | None = None,
+    threads: int = 1,
+) -> Singles:
+    """Return the features (F, W) of the asked places (M,), or of all; of the second pass if given.
+
+    Without a point, a place has features of 0.
+    """
+    count = len(WINDOW) + len(PROFILE) * bool(prepared.profile)
+    count += len(SECOND_PASS) * (first is not None)
+    every = np.ones(len(prepared.pattern.order), np.bool_) if asked is None else asked
+    values = np.zeros((count, np.count_nonzero(every)), np.float32)
+    _run(prepared, first, every, NO_TREES, threads, np.empty(len(every), np.float32), values)
+    return values
+
+
+def _run(
+    prepared: Prepared,
+    first: FirstPass | None,
+    asked: Bools,
+    trees: Trees,
+    threads: int,
+    odds: Singles,
+    values: Singles = np.empty((0, 0), np.float32),  # noqa: B008  nothing is written
+) -> None:
+    """Write the log-odds (M,) of the asked places (M,), and where they have rows their features."""
+    pattern, profile, second = prepared.pattern, prepared.profile, first is not None
+    given = first or NO_FIRST_PASS
+    column = np.cumsum(asked) - 1 if len(values) > 0 else np.empty(0, np.int64)
+    # Of the first pass all places are asked, which takes long.
+    at_once = lines_at_once(len(pattern.first), len(odds)) if second else LINES_AT_ONCE
+    pool.run(
+        lambda i, j: _judge(
+            *(prepared, profile, given, second, asked, trees, column, i, j, odds, values)
+        ),
+        *(len(pattern.first), at_once, threads),
+    )
 
 
 @kernel
@@ -191,11 +197,13 @@ def _judge(
     second: bool,
     asked: Bools,
     trees: Trees,
+    column: Ints,
     begin: int,
     end: int,
-    result: Singles,
+    odds: Singles,
+    values: Singles,
 ) -> None:
-    """Write what trees say of the points of lines begin to end that are asked about."""
+    """Write what trees say of the asked points of lines begin to end; their features in columns."""
     # It takes seconds to compile: the compiler optimizes all that gathers windows, writes features
     # and adds trees up once more, in this one place.
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
@@ -208,7 +216,100 @@ def _judge(
                 write_values(prepared, profile, first, second, line, room)
                 add_lanes(trees, room.values, total)
             for lane in range(count):
-                result[places[lane]] = total[lane]
+                odds[places[lane]] = total[lane]
+                for f in range(len(values)):
+                    values[f, column[places[lane]]] = room.values[f, lane]
+
+
+class PatternRoom(NamedTuple):
+    """Room to work in, for one thread.
+
+    Attributes
+    ----------
+    window : of the points
+    pairs : (PAIRS, LANES) float32
+        Of a profile scanner, what pairs of returns predict.
+    values : (COUNT_ALL, LANES) float32
+        The features; those of the second pass behind those of the first.
+
+    """
+
+    window: PatternWindow
+    pairs: Singles
+    values: Singles
+
+
+@inlined_kernel
+def make_pattern_room() -> PatternRoom:
+    """Make room for one thread."""
+    return PatternRoom(make_window(), rows_of_singles(PAIRS), rows_of_singles(COUNT_ALL))
+
+
+@inlined_kernel
+def write_values(
+    prepared: Prepared,
+    profile: bool | None,
+    first: FirstPass,
+    second: bool,
+    line: int,
+    room: PatternRoom,
+) -> None:
+    """Write the features of points of a line, at the window's places; of the second pass if asked.
+
+    They need not follow each other: each lane gets what it would get alone. ``profile`` is that of
+    ``prepared``, handed on by itself: numba leaves out what is asked of an argument that is None.
+    """
+    window, values = room.window, room.values
+    gather(prepared, line, window)
+    write_features(prepared.pattern, line, window, values)
+    more = 0
+    if profile is not None:
+        write_profile(prepared, line, window, room.pairs, values)
+        more = MORE
+    if second:
+        write_scores(prepared.pattern, first, line, window, values[more:])
+
+
+def strongest_of_trees(
+    prepared: Prepared,
+    first: FirstPass,
+    model: TreeModel,
+    wanted: Bools,
+    threads: int = 0,
+) -> Bytes:
+    """Return the numbers (M,) of the features that add most to the log-odds of wanted places.
+
+    Parameters
+    ----------
+    prepared : the pattern that was judged
+    first : what its first pass gave
+    model : that judged it
+    wanted : (M,) the places to explain; others have 0
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    names = (*WINDOW, *(PROFILE if prepared.profile else ()), *SECOND_PASS)
+    numbers = np.array([_NUMBERS.get(name, 0) for name in names], np.uint8)
+    values = measure(prepared, first, wanted, threads)
+    found = np.full(values.shape[1], _NUMBERS['first'], np.uint8)
+    again = first.score[wanted] > np.float32(model.doubtful)
+    found[again] = _strongest(model.again, values[:, again], numbers)
+    before = found == _NUMBERS['first']
+    found[before] = _strongest(model.first, values[:, before], numbers)
+    reason = np.zeros(len(wanted), np.uint8)
+    reason[wanted] = found
+    return reason
+
+
+def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
+    """Return the number of the feature that adds most to each of W points; 0: none can be a reason.
+
+    What adds nothing cannot: trees did not ask about it, or it made no difference.
+    """
+    added = contribute(trees, values)
+    added[(numbers == 0)[:, None] | (added == 0)] = -np.inf
+    found = np.where(added.max(axis=0) > -np.inf, numbers[added.argmax(axis=0)], 0)
+    return found.astype(np.uint8)
 
 
 @kernel

@@ -5,11 +5,20 @@
 Two returns of the window that lie opposite each other predict the range between them: those as many
 places before and after in the line, and those of lines before and after. On a surface all pairs
 agree, and so do all about a point that is off it.
+
+Returns that follow each other closely are a segment of their line. Segments of more than ``LARGE``
+returns are surfaces. Smaller ones that are close to each other on lines beside are a group, and a
+group is free unless it is close to a surface. An arm that moves while the scanner passes is such a
+group, straight and slanted; a pole stands on the road, and upright. z must be up. Returns are
+joined twice: widely, so that a group stays whole, and narrowly, so that it comes free of a car that
+it nearly touches.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
@@ -29,11 +38,20 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     F,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import COUNT
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.eigen import eigen
+from lidar_outlier_filter.core.kernels.kernels import (
+    apart_kernel,
+    inlined_kernel,
+    inner_kernel,
+    kernel,
+)
 from lidar_outlier_filter.core.kernels.lanes import network, sort
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Ints, Singles
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.window import (
         PatternWindow,
         Prepared,
@@ -45,6 +63,13 @@ PAIRS = OWN + RINGS * AROUND
 RIGHT = F(3.5)  # standard deviations up to which a pair is right
 MISSING = F(1e6)  # behind all others
 ALL = network(PAIRS, range(PAIRS))
+GROUPS = tuple(name for name in PROFILE if name.startswith('group'))
+REACHES = (4.0, 1.6)  # × what beams are apart: up to which returns are joined
+LARGE = 40  # returns of a segment: more are a surface
+SMALLEST = 6  # returns of a group
+NONE = np.float32(-1.0)
+UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
+TINY = 1e-12  # m²
 
 
 @inlined_kernel
@@ -126,3 +151,174 @@ def _write_median(pairs: Singles, row: Singles) -> None:
             count += pairs[m, lane] < MISSING
         low, high = pairs[max(count - 1, 0) // 2, lane], pairs[count // 2, lane]
         row[lane] = (low + high) / TWO - MOST if count > 0 else ZERO
+
+
+class Segments(NamedTuple):
+    """The segments of all lines, numbered from 0.
+
+    Attributes
+    ----------
+    of : (M,) int32
+        The segment of each place; -1 where there is no point.
+    size : (S,) int32
+        How many returns each has.
+
+    """
+
+    of: Index
+    size: Index
+
+
+def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
+    """Describe the free group that each point is in.
+
+    Parameters
+    ----------
+    pattern : of the points, in M places
+    near : (4, M) the nearest place on each line beside
+    threads : at most so many at once; 0 for as many as there are cores
+
+    Returns
+    -------
+    (5, M) float32
+        Of ``GROUPS``; of the wide group, where there is one.
+
+    """
+    out = np.full((len(GROUPS), len(pattern.order)), NONE)
+
+    def find(n: int, _end: int) -> tuple[Ints, Singles]:
+        segments = find_segments(pattern, REACHES[n])
+        group = join(pattern, near, REACHES[n], segments)
+        places = np.flatnonzero(segments.of >= 0)
+        places = places[group[segments.of[places]] >= 0]
+        of_groups = _describe(*_moments(pattern, places, group[segments.of[places]]))
+        return places, of_groups[:, group[segments.of[places]]]
+
+    # The wide groups last, so that they are what stays.
+    for places, described in reversed(pool.run(find, len(REACHES), 1, threads)):
+        out[:, places] = described
+    return out
+
+
+@kernel
+def find_segments(pattern: Pattern, reach: float) -> Segments:
+    """Find the segments of all lines, one after the other."""
+    of = np.full(len(pattern.order), -1, np.int32)
+    size = np.zeros(len(pattern.order), np.int32)
+    count = 0
+    for line in range(len(pattern.first)):
+        low = pattern.first[line]
+        for k in range(low, pattern.last[line]):
+            if k == low or not _is_close(pattern, line, k, k - 1, reach):
+                count += 1
+            of[k] = count - 1
+            size[count - 1] += 1
+    return Segments(of, size[:count].copy())
+
+
+@inner_kernel
+def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool:
+    """Return whether place j is within reach of place k, which is of the line."""
+    most = reach * (pattern.range[k] * pattern.gap[line] + pattern.apart[line])
+    x, y, z = pattern.x[k] - pattern.x[j], pattern.y[k] - pattern.y[j], pattern.z[k] - pattern.z[j]
+    return bool(x * x + y * y + z * z <= most * most)
+
+
+def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Index:
+    """Return the number of the free group that each segment is in, from 0; -1 for none."""
+    root, tied = _tie(pattern, near, reach, segments)
+    while (root[root] != root).any():
+        root = root[root]
+    size = np.bincount(root, segments.size, len(root))
+    held = np.bincount(root, tied | (segments.size > LARGE), len(root)) > 0
+    # The first segment of a group is its root.
+    free = (root == np.arange(len(root))) & ~held & (size >= SMALLEST)
+    number = np.full(len(root), -1, np.int32)
+    number[free] = np.arange(np.count_nonzero(free))
+    return number[root]
+
+
+@kernel
+def _tie(
+    pattern: Pattern, near: Index, reach: float, segments: Segments
+) -> tuple[NDArray[np.int64], Bools]:
+    """Join segments that are close: return another one of each one's group, and what is tied."""
+    of, size = segments.of, segments.size
+    root, tied = np.arange(len(size)), np.zeros(len(size), np.bool_)
+    for line in range(len(pattern.first)):
+        for k in range(pattern.first[line], pattern.last[line]):
+            if size[of[k]] > LARGE:
+                continue
+            for ring in range(2 * RINGS):
+                for m in range(-OTHER, OTHER + 1):
+                    j = near[ring, k] + m
+                    # Most are joined already, which is seen faster than measured.
+                    if of[j] < 0 or root[of[j]] == root[of[k]]:
+                        continue
+                    large = size[of[j]] > LARGE
+                    if (large and tied[of[k]]) or not _is_close(pattern, line, k, j, reach):
+                        continue
+                    if large:
+                        tied[of[k]] = True
+                    else:
+                        a, b = _root(root, of[k]), _root(root, of[j])
+                        root[max(a, b)] = min(a, b)
+    return root, tied
+
+
+@inner_kernel
+def _root(root: NDArray[np.int64], i: int) -> int:
+    while root[i] != i:
+        root[i] = root[root[i]]
+        i = root[i]
+    return int(i)
+
+
+def _moments(pattern: Pattern, places: Ints, group: Index) -> tuple[Ints, Floats, Floats]:
+    """Return the number of returns of G groups, and two second moments of them, (3, 3, G), m².
+
+    These are of all returns; and of the mean of each line's, as often as it saw the group.
+    """
+    groups = int(group.max(initial=-1)) + 1
+    line = np.searchsorted(pattern.last, places, side='right')
+    seen, pair, size = np.unique(line * groups + group, return_inverse=True, return_counts=True)
+    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, places]
+    count = np.bincount(group, minlength=groups)
+    of_lines = np.stack([np.bincount(pair, row, len(seen)) for row in xyz])
+    mean = np.stack([np.bincount(group, row, groups) for row in xyz]) / count
+    moments = np.empty((2, 3, 3, groups))
+    for i in range(3):
+        for j in range(3):
+            square, outer = xyz[i] * xyz[j], of_lines[i] * of_lines[j] / size
+            moments[0, i, j] = np.bincount(group, square, groups) / count - mean[i] * mean[j]
+            outer = np.bincount(seen % max(groups, 1), outer, groups)
+            moments[1, i, j] = outer / count - mean[i] * mean[j]
+    return count, moments[0], moments[1]
+
+
+def _describe(count: Ints, of_all: Floats, of_lines: Floats) -> Singles:
+    """Return the features ``GROUPS`` of each group, (5, G)."""
+    moments = np.ascontiguousarray(np.moveaxis(of_all, 2, 0))
+    vectors = np.empty_like(moments)
+    _turn(moments, vectors)
+    values, every = np.diagonal(moments, axis1=1, axis2=2), np.arange(len(count))
+    long = values.argmax(axis=1)
+    along = vectors[every, :, long].T
+    _, middle, most = np.maximum(np.sort(values, axis=1), TINY).T
+    # One product after the other: a group's sum depends on no other group.
+    advance = np.zeros(len(count))
+    for i in range(3):
+        for j in range(3):
+            advance += along[i] * of_lines[i, j] * along[j]
+    rows = (
+        *(count, np.abs(along[2]), np.sqrt(middle / most)),
+        *(np.sqrt(np.maximum(advance, 0.0) / most), UNIFORM * np.sqrt(most)),
+    )
+    return np.stack(rows).astype(np.float32)
+
+
+@kernel
+def _turn(moments: Floats, vectors: Floats) -> None:
+    """Turn each of some moments (G, 3, 3) into its principal axes, the columns of ``vectors``."""
+    for g in range(len(moments)):
+        eigen(moments[g], vectors[g], 3)

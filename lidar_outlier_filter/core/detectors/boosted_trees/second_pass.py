@@ -70,6 +70,10 @@ class FirstPass(NamedTuple):
     whole: float
 
 
+_NONE = np.empty(0, np.float32)
+NO_FIRST_PASS = FirstPass(_NONE, np.empty(0, np.int32), _NONE, 0.0)  # nothing looks at it
+
+
 @kernel
 def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
     """Count the points with a score above 0."""

@@ -59,6 +59,14 @@ class Trees(NamedTuple):
     start: np.float32
 
 
+NO_TREES = Trees(
+    np.empty((0, QUESTIONS), np.int32),
+    np.empty((0, QUESTIONS), np.float32),
+    np.empty((0, VALUES), np.float32),
+    np.float32(0.0),
+)
+
+
 class TreeModel(NamedTuple):
     """A trained model.
 
@@ -148,3 +156,35 @@ def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
             high = v7 if h[lane] > t6 else v6
             right = high if c[lane] > t2 else low
             total[lane] += right if a[lane] > t0 else left
+
+
+def contribute(trees: Trees, values: Singles) -> Singles:
+    """Return what each feature adds to the log-odds of W points with these values, both (F, W)."""
+    added = np.zeros(values.shape, np.float32)
+    # Of one layout, whatever was picked: another one would be compiled once more.
+    _add_up(trees, find_means(trees), np.ascontiguousarray(values), added)
+    return added
+
+
+def find_means(trees: Trees) -> Singles:
+    """Return the mean (T, 15) of the values that are possible at each node of full trees.
+
+    The questions come first, as in ``Trees``, and the values behind them.
+    """
+    means = np.empty((len(trees.value), QUESTIONS + VALUES), np.float32)
+    means[:, QUESTIONS:] = trees.value
+    for node in range(QUESTIONS - 1, -1, -1):
+        means[:, node] = np.float32(0.5) * (means[:, 2 * node + 1] + means[:, 2 * node + 2])
+    return means
+
+
+@kernel
+def _add_up(trees: Trees, means: Singles, values: Singles, added: Singles) -> None:
+    for k in range(values.shape[1]):
+        for tree in range(len(trees.feature)):
+            f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
+            node = 0
+            while node < QUESTIONS:
+                number = 2 * node + (2 if values[f[node], k] > t[node] else 1)
+                added[f[node], k] += mean[number] - mean[node]
+                node = number

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.boosted_trees.features import rows
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
@@ -28,10 +29,13 @@ QUANTITIES = 5  # of a return: x, y, z, range, phase
 RANGE, PHASE = 3, 4  # the rows of ranges and phases among them
 OWN_RANGES, OWN_PHASES = 2 * OWN * RANGE, 2 * OWN * PHASE  # the same of the own ring's returns
 NEAR = 5  # nearest distances that are kept in order
-# Rows of the sums; of the first five, the next row is that of the other rings.
-THERE, BEFORE, BEHIND, LEVEL, ROUGH, ROUGH_COUNT = 0, 2, 4, 6, 8, 10
-FARTHEST, NEAREST_OTHER, DENSE, SPARSE = 12, 13, 14, 15
-SUMS = 16
+# Rows of the sums; of the pairs, one of the own ring and one of the others.
+_PAIRS = ('there', 'before', 'behind', 'level', 'rough', 'rough_count')
+_SUMS = (
+    *(f'{name}_{part}' for name in _PAIRS for part in ('own', 'other')),
+    *('farthest', 'nearest_other', 'dense', 'sparse'),
+)
+SUM = rows(_SUMS)
 # Constants of single precision: a number of Python's would make doubles of all it meets.
 F = np.float32
 REACH_OWN, REACH_OTHER = F(10.0), F(6.0)  # steps from the azimuth up to which returns count
@@ -120,7 +124,7 @@ def make_window() -> PatternWindow:
         rows_of_singles(2 * OWN * QUANTITIES),
         rows_of_singles(AROUND * QUANTITIES),
         rows_of_singles(NEAR),
-        rows_of_singles(SUMS),
+        rows_of_singles(len(_SUMS)),
         rows_of_singles(2 * RINGS),
         np.empty(LANES),
         np.empty(LANES, np.int64),
@@ -241,9 +245,9 @@ def _gather_own(
         _copy_beside(rows[q], places, in_step, own[2 * OWN * q :])
     _copy_phases(phase, places, in_step, -OWN, origin, own[OWN_PHASES : OWN_PHASES + OWN])
     _copy_phases(phase, places, in_step, 1, origin, own[OWN_PHASES + OWN :])
-    _compare(window, own, REACH_OWN * step, 0, 2 * OWN, sums[THERE])
+    _compare(window, own, REACH_OWN * step, 0, 2 * OWN, sums[SUM.there_own])
     _copy_beside(rough, places, in_step, side)
-    total, count = sums[ROUGH], sums[ROUGH_COUNT]
+    total, count = sums[SUM.rough_own], sums[SUM.rough_count_own]
     for slot in range(2 * OWN):
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
@@ -265,7 +269,7 @@ def _gather_other(
     """Look at the returns around the azimuth in another ring."""
     side, others = window.side, window.others[ring]
     in_step = _is_in_step(others)
-    begin, most, there = 2 * OWN + ring * AROUND, REACH_OTHER * unit, window.sums[THERE + 1]
+    begin, most, there = 2 * OWN + ring * AROUND, REACH_OTHER * unit, window.sums[SUM.there_other]
     phases, nearest = side[PHASE * AROUND : QUANTITIES * AROUND], side[0]
     _copy_phases(phase, others, in_step, -OTHER, window.origin, phases)
     if in_step:
@@ -282,7 +286,7 @@ def _gather_other(
         _compare(window, side, most, begin, AROUND, there)
     _copy(rows[RANGE], others, in_step, 0, nearest)
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
-    total, count = window.sums[ROUGH + 1], window.sums[ROUGH_COUNT + 1]
+    total, count = window.sums[SUM.rough_other], window.sums[SUM.rough_count_other]
     for lane in range(len(middle)):
         good = middle[lane] < FAR
         inverse[lane] = ONE / nearest[lane] if good else -ONE

@@ -14,26 +14,17 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
-    BEFORE,
-    BEHIND,
-    DENSE,
     FAR,
-    FARTHEST,
-    LEVEL,
     MOST,
     NEAR,
-    NEAREST_OTHER,
     ONE,
     OWN,
     OWN_PHASES,
     OWN_RANGES,
     RANGE,
     REACH_OWN,
-    ROUGH,
-    ROUGH_COUNT,
     SIZE,
-    SPARSE,
-    THERE,
+    SUM,
     ZERO,
     F,
 )
@@ -81,23 +72,23 @@ def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
     square, away, sums, best = window.square, window.away, window.sums, window.best
     best[:] = FAR
     for lane in range(width(square)):
-        sums[FARTHEST, lane] = reach[lane]
-        sums[NEAREST_OTHER, lane] = FAR
+        sums[SUM.farthest, lane] = reach[lane]
+        sums[SUM.nearest_other, lane] = FAR
     for slot in range(2 * OWN, SIZE):
         for lane in range(width(square)):
-            sums[NEAREST_OTHER, lane] = min(sums[NEAREST_OTHER, lane], square[slot, lane])
+            sums[SUM.nearest_other, lane] = min(sums[SUM.nearest_other, lane], square[slot, lane])
     for slot in range(SIZE):
         part = 0 if slot < 2 * OWN else 1
         for lane in range(width(square)):
             mine, value, off = reach[lane], square[slot, lane], away[slot, lane]
             unit = mine * gap + apart
             same = level_within(unit, most)
-            sums[BEFORE + part, lane] += ONE if off < -same else ZERO
-            sums[BEHIND + part, lane] += ONE if off > same else ZERO
-            sums[LEVEL + part, lane] += ONE if (abs(off) <= same) & (value < FAR) else ZERO
-            sums[DENSE, lane] += ONE if value <= DENSE_SQUARE * unit * unit else ZERO
-            sums[SPARSE, lane] += ONE if value <= SPARSE_SQUARE * unit * unit else ZERO
-            sums[FARTHEST, lane] = max(sums[FARTHEST, lane], mine + off)
+            sums[SUM.before_own + part, lane] += ONE if off < -same else ZERO
+            sums[SUM.behind_own + part, lane] += ONE if off > same else ZERO
+            sums[SUM.level_own + part, lane] += ONE if (abs(off) <= same) & (value < FAR) else ZERO
+            sums[SUM.dense, lane] += ONE if value <= DENSE_SQUARE * unit * unit else ZERO
+            sums[SUM.sparse, lane] += ONE if value <= SPARSE_SQUARE * unit * unit else ZERO
+            sums[SUM.farthest, lane] = max(sums[SUM.farthest, lane], mine + off)
         for lane in range(width(square)):
             # One after the other finds its rank; what is larger goes on.
             value = square[slot, lane]
@@ -155,7 +146,7 @@ def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singl
         a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
         values[ROW.step, lane] = min(min(a, b) / own_unit, MOST)
         values[ROW.leap, lane] = min(max(a, b) / own_unit, MOST)
-        values[ROW.beside, lane] = min(np.sqrt(sums[NEAREST_OTHER, lane]) / unit, MOST)
+        values[ROW.beside, lane] = min(np.sqrt(sums[SUM.nearest_other, lane]) / unit, MOST)
         three = np.sqrt(best[0, lane]) + np.sqrt(best[1, lane]) + np.sqrt(best[2, lane])
         five = three + np.sqrt(best[3, lane]) + np.sqrt(best[4, lane])
         values[ROW.near3, lane] = min(three / (THREE * unit), MOST)
@@ -168,21 +159,20 @@ def _shares(window: PatternWindow, values: Singles) -> None:
     """Write shares of the window, and how rough it is."""
     sums = window.sums
     for lane in range(width(values)):
-        own, others = max(sums[THERE, lane], ONE), max(sums[THERE + 1, lane], ONE)
-        values[ROW.before_own, lane] = sums[BEFORE, lane] / own
-        values[ROW.behind_own, lane] = sums[BEHIND, lane] / own
-        values[ROW.before_other, lane] = sums[BEFORE + 1, lane] / others
-        values[ROW.behind_other, lane] = sums[BEHIND + 1, lane] / others
-        values[ROW.level_own, lane] = sums[LEVEL, lane] / PLACES_OWN
-        values[ROW.level_other, lane] = sums[LEVEL + 1, lane] / PLACES_OTHER
-        values[ROW.there_own, lane] = sums[THERE, lane] / PLACES_OWN
-        values[ROW.there_other, lane] = sums[THERE + 1, lane] / PLACES_OTHER
-        values[ROW.rough_own, lane] = sums[ROUGH, lane] / max(sums[ROUGH_COUNT, lane], ONE)
-        values[ROW.rough_other, lane] = sums[ROUGH + 1, lane] / max(
-            sums[ROUGH_COUNT + 1, lane], ONE
-        )
-        values[ROW.dense, lane] = sums[DENSE, lane] / PLACES
-        values[ROW.sparse, lane] = sums[SPARSE, lane] / PLACES
+        own, others = max(sums[SUM.there_own, lane], ONE), max(sums[SUM.there_other, lane], ONE)
+        values[ROW.before_own, lane] = sums[SUM.before_own, lane] / own
+        values[ROW.behind_own, lane] = sums[SUM.behind_own, lane] / own
+        values[ROW.before_other, lane] = sums[SUM.before_other, lane] / others
+        values[ROW.behind_other, lane] = sums[SUM.behind_other, lane] / others
+        values[ROW.level_own, lane] = sums[SUM.level_own, lane] / PLACES_OWN
+        values[ROW.level_other, lane] = sums[SUM.level_other, lane] / PLACES_OTHER
+        values[ROW.there_own, lane] = sums[SUM.there_own, lane] / PLACES_OWN
+        values[ROW.there_other, lane] = sums[SUM.there_other, lane] / PLACES_OTHER
+        for part in range(2):
+            count = max(sums[SUM.rough_count_own + part, lane], ONE)
+            values[ROW.rough_own + part, lane] = sums[SUM.rough_own + part, lane] / count
+        values[ROW.dense, lane] = sums[SUM.dense, lane] / PLACES
+        values[ROW.sparse, lane] = sums[SUM.sparse, lane] / PLACES
 
 
 @apart_kernel
@@ -194,7 +184,7 @@ def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles)
     part = beside[1] / (beside[1] + beside[2])
     low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])
     for lane in range(width(values)):
-        mine, farthest = reach[lane], sums[FARTHEST, lane]
+        mine, farthest = reach[lane], sums[SUM.farthest, lane]
         values[ROW.range, lane] = mine
         values[ROW.range_ratio_glare, lane] = mine * mine / farthest
         values[ROW.depth, lane] = mine / farthest

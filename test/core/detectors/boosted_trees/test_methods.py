@@ -76,9 +76,14 @@ def test_rows_of_a_range_image(unsorted: float, expected: Method) -> None:
         assert (rejected == sorted_ones).mean() > 0.98
 
 
-@pytest.mark.parametrize('count', [8, 9])
-def test_fewest_neighbours(count: int) -> None:
-    """Nine points have eight neighbours each; of eight none is judged."""
-    points = shapeless().take(np.arange(count))
-    score = Chain(FilterParameters(), whole=True).judge(points).score
-    assert np.isnan(score).all() == (count < 9)
+@pytest.mark.parametrize('threads', [1, 3])
+@pytest.mark.parametrize('method', ['spinning', 'profile', 'survey'])
+def test_order_and_threads_do_not_matter(method: str, threads: int) -> None:
+    """Points in any order get the same scores, bit for bit, whatever the number of threads."""
+    points = Drive(9, 0.2).points if method == 'profile' else sweep(2, 0.2)
+    values = {'boosted_trees.sensor': method}
+    one, many = (FilterParameters().changed({**values, 'threads': n}) for n in (1, threads))
+    order = np.random.default_rng(3).permutation(len(points))
+    score = Chain(one, whole=True).judge(points).score
+    again = Chain(many, whole=True).judge(points.take(order)).score
+    assert again.tobytes() == score[order].tobytes()

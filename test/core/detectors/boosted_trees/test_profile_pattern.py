@@ -23,11 +23,10 @@ from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors.boosted_trees import profile_groups
+from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile_groups
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import (
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge, measure
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import (
     GROUPS,
     REACHES,
     find_groups,
@@ -299,35 +298,14 @@ def test_the_wide_group_is_described() -> None:
     assert_array_equal(count == np.count_nonzero(tube), of_tube)
 
 
-@pytest.mark.parametrize('threads', [1, 2, 5])
-def test_order_and_threads_do_not_matter(threads: int) -> None:
-    """Points in any order get the same scores, bit for bit, whatever the number of threads."""
-    points = Drive(9, 0.2).points
-    score = judge(profile_pattern_of(points), 1.0, threads=1, profile=True)
-    order = np.random.default_rng(3).permutation(len(points))
-    pattern = find_profile_pattern(points.take(order), threads)
-    assert pattern is not None
-    again = np.empty_like(score)
-    again[order] = judge(pattern, 1.0, threads=threads, profile=True)
-    assert again.tobytes() == score.tobytes()
-
-
-def test_strays_are_found() -> None:
-    """The default's model rejects most of what hangs in a passage, and nearly none of its walls."""
-    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
-    rejected = judge(profile_pattern_of(drive.points), 1.0, profile=True) > 1
-    assert rejected[drive.stray].mean() > 0.8
-    assert rejected[~drive.stray].mean() < 0.0005
-
-
-@pytest.mark.parametrize('lines', [2, 3])
-def test_few_lines_are_enough(lines: int) -> None:
-    """Two lines show how fast the mirror turns: the trees find what does not belong."""
+@pytest.mark.parametrize('lines', [2, 3, 20])
+def test_strays_are_found(lines: int) -> None:
+    """Two lines show how fast the mirror turns: the trees find what hangs in a passage."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
     few = drive.points.line < lines
     rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
     assert rejected[drive.stray[few]].mean() > 0.8
-    assert rejected[~drive.stray[few]].mean() < 0.002
+    assert rejected[~drive.stray[few]].mean() < (0.002 if lines < 20 else 0.0005)
 
 
 def test_sensor_decides_the_way() -> None:

@@ -13,19 +13,19 @@ from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.explanation import contributions
-from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
+from lidar_outlier_filter.core.detectors.boosted_trees.features import (
+    LIKELY,
+    PROFILE,
+    REASON_NAMES,
+    SECOND_PASS,
+    WINDOW,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, find_either
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
-    find_either,
     first_pass,
+    measure,
     prepare_all,
     second_pass,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.reasons import (
-    LIKELY,
-    REASON_NAMES,
-    contribute,
     strongest_of_trees,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
@@ -34,6 +34,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     PROFILE_MODEL,
     TreeModel,
     Trees,
+    contribute,
     load,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
