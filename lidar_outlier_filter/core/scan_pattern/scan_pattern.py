@@ -51,19 +51,29 @@ def brightness(order: Ints, reach: Singles, intensity: Singles) -> Singles:
     intensity : (N,) of the points; NaN and less than 0 are unknown
 
     """
-    bright = np.full(len(order), UNKNOWN, np.float32)
-    known = np.flatnonzero(order >= 0)
-    value = intensity[order[known]]
-    known, value = known[value >= 0], value[value >= 0]
-    between, shown = np.searchsorted(EDGES, reach[known]), known % EVERY == 0
+    bright = np.empty(len(order), np.float32)
+    shown = EVERY * np.flatnonzero(order[::EVERY] >= 0)
+    value = intensity[order[shown]]
+    shown, value = shown[value >= 0], value[value >= 0]
+    between = np.searchsorted(EDGES, reach[shown])
     usual = np.zeros(len(EDGES) + 1, np.float32)  # 0 where there are too few
-    for b in np.flatnonzero(np.bincount(between[shown]) >= ENOUGH_CELLS):
-        usual[b] = np.median(value[shown & (between == b)])
-    middle = usual[between]
-    there = middle > 0
-    with np.errstate(invalid='ignore'):  # infinite ones
-        bright[known[there]] = np.minimum(value[there] / middle[there], BRIGHTEST)
+    for b in np.flatnonzero(np.bincount(between) >= ENOUGH_CELLS):
+        usual[b] = np.median(value[between == b])
+    _compare(order, reach, intensity, usual, bright)
     return bright
+
+
+@kernel
+def _compare(
+    order: Ints, reach: Singles, intensity: Singles, usual: Singles, bright: Singles
+) -> None:
+    """Divide intensities by what is usual."""
+    for k in range(len(order)):
+        i, b = order[k], 0
+        for edge in range(len(EDGES)):
+            b += EDGES[edge] < reach[k]
+        known = i >= 0 and usual[b] > 0 and intensity[i] >= 0
+        bright[k] = min(intensity[i] / usual[b], BRIGHTEST) if known else UNKNOWN
 
 
 TURN = 2.0 * np.pi

@@ -54,7 +54,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import write_features
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     LINES_AT_ONCE,
@@ -217,8 +217,15 @@ def _judge(
                 add_lanes(trees, room.values, total)
             for lane in range(count):
                 odds[places[lane]] = total[lane]
-                for f in range(len(values)):
-                    values[f, column[places[lane]]] = room.values[f, lane]
+            if len(values) > 0:
+                _copy_values(room.values, places[:count], column, values)
+
+
+@apart_kernel
+def _copy_values(found: Singles, places: Ints, column: Ints, values: Singles) -> None:
+    for lane in range(len(places)):
+        for f in range(len(values)):
+            values[f, column[places[lane]]] = found[f, lane]
 
 
 class PatternRoom(NamedTuple):
