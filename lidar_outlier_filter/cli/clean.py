@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -27,21 +26,19 @@ from lidar_outlier_filter.cli.terminal import (
     beside,
     can_draw,
     names_in,
-    progress_bar,
     read_parameters,
     say,
     saying_how_far,
-    stopping,
+    stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
 
     from lidar_outlier_filter.archive.jobs import Made, Task
     from lidar_outlier_filter.archive.run import Result
-    from lidar_outlier_filter.cli.terminal import Advance, Commands
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
 
@@ -243,34 +240,19 @@ def _clean_one(
         return f'nothing is written to {output}; the same command starts over'
 
     began = perf_counter()
-    with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
+    with saying_how_far(how_far), stoppable_bar(path.name) as progress:
         report = clean_file(
             path,
             output,
             FilterParameters().changed(parameters),
             _clean_options(options),
             outliers=options.outliers or next(iter(others), None),
-            progress=_StepBars(path.name, leave_if_asked, bars),
+            progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
             inspect=lambda judged: found.append(look(judged)),
         )
     tables.show_file(path, report, found[0], perf_counter() - began)
     return INCOMPLETE if report.is_untested else DONE
-
-
-class _StepBars:
-    """Shows the steps of one file, a bar for each."""
-
-    def __init__(self, name: str, leave_if_asked: Callable[[], None], bars: ExitStack) -> None:
-        self._name, self._leave_if_asked, self._bars = name, leave_if_asked, bars
-        self._steps: dict[str, Advance] = {}
-
-    def __call__(self, done: int, total: int, step: str) -> None:
-        self._leave_if_asked()
-        if step not in self._steps:
-            self._bars.close()
-            self._steps[step] = self._bars.enter_context(progress_bar(f'{self._name}: {step}'))
-        self._steps[step](done, total)
 
 
 @dataclass(frozen=True)
