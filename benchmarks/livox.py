@@ -32,7 +32,7 @@ from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import beams_of
 from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360
 from lidar_outlier_lab.simulation.world.recording import to_message
-from lidar_outlier_lab.training.held_out import CLEAN, ENOUGH, STREET
+from lidar_outlier_lab.training.held_out import CLEAN, MIN_OUTLIERS, STREET
 from lidar_outlier_lab.training.scenes import put_weather
 from lidar_outlier_lab.training.train import Sweep
 
@@ -158,7 +158,7 @@ def rows_of(name: str, seeds: Sequence[int]) -> Iterator[list[str]]:
     judged = {kind: Judged() for kind in (CLEAN, STREET, *WEATHER)}
     for seed in seeds:
         for sweep in sweeps(name, seed):
-            if sweep.kind in {CLEAN, STREET} or sweep.outlier.sum() >= ENOUGH:
+            if sweep.kind in {CLEAN, STREET} or sweep.outlier.sum() >= MIN_OUTLIERS:
                 look(judged[sweep.kind], sweep)
         print(name, seed, flush=True)
     mean = {

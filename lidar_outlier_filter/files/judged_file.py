@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_large, judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, points
@@ -345,7 +345,7 @@ def _unit(file: CloudFile) -> str:
 
 def _method(file: CloudFile) -> tuple[int, str]:
     """Return the rings that ``clean`` would recover, and how it would judge the file."""
-    if len(file) > MOST_POINTS:
+    if len(file) > MAX_TURN_POINTS:
         return 0, ''
     parameters = FilterParameters()
     try:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
 LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds
 # Share of clean sweeps that may be rejected, mean over the sensors but the worst.
-MOST_CLEAN = 0.0015
-ENOUGH = 100  # outliers of a sweep from which on it is judged
+MAX_CLEAN_SHARE = 0.0015
+MIN_OUTLIERS = 100  # outliers of a sweep from which on it is judged
 CHOOSE_BY = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust', 'exhaust')
 DIGITS = 4
 
@@ -65,7 +65,7 @@ def choose_threshold(sweeps: Sequence[HeldOut]) -> float:
     worth = np.mean(list(weather.values()), axis=0) if weather else np.zeros(len(LIMITS))
     lost = np.sort(list(clean.values()), axis=0) if clean else np.zeros((1, len(LIMITS)))
     rejected = np.mean(lost[: max(len(lost) - 1, 1)], axis=0)
-    allowed = rejected <= MOST_CLEAN
+    allowed = rejected <= MAX_CLEAN_SHARE
     if not allowed.any():
         return float(LIMITS[-1])
     return float(LIMITS[int(np.argmax(np.where(allowed, worth, -1.0)))])
@@ -97,7 +97,7 @@ def figures(sweeps: Sequence[HeldOut], threshold: float) -> dict[str, Any]:
 def _weather(sweeps: Sequence[HeldOut], value: Callable[[HeldOut], Floats]) -> dict[str, Floats]:
     """Return the mean of each weather over sensors, each of which counts the same."""
     found: dict[str, Floats] = {}
-    judged = [sweep for sweep in sweeps if sweep.outliers >= ENOUGH]
+    judged = [sweep for sweep in sweeps if sweep.outliers >= MIN_OUTLIERS]
     for kind in dict.fromkeys(sweep.kind for sweep in judged):
         some = [sweep for sweep in judged if sweep.kind == kind]
         means = _by_group(some, lambda s: s.sensor, value)

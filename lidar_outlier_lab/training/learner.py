@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 DEPTH = 3  # questions from the root of a tree to a value
 RATE = 0.2
 EDGES = 128  # of a feature's histogram
-FEWEST = 40  # points behind a value
+MIN_LEAF_POINTS = 40  # points behind a value
 NEVER = 3.0e38  # a limit that no feature exceeds
 
 
@@ -108,7 +108,7 @@ def fit(
         learning_rate=RATE,
         max_bins=EDGES,
         early_stopping=False,
-        min_samples_leaf=FEWEST,
+        min_samples_leaf=MIN_LEAF_POINTS,
         l2_regularization=1.0,
         random_state=0,
     )

@@ -49,7 +49,7 @@ RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
 }
 STREETS = ('street-128', 'street-64', 'street-16', 'street-32')
 STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
-MOST_CLEAN = 4  # sweeps of a recording that are taken as they are
+MAX_CLEAN_SWEEPS = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
 RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
 # Standard deviations of the logarithm of the intensity of particles
@@ -76,7 +76,7 @@ def known_recordings(folder: Path) -> list[CleanRecording]:
     ]
 
 
-def read_sweeps(recording: CleanRecording, most: int = MOST_CLEAN) -> list[Points]:
+def read_sweeps(recording: CleanRecording, most: int = MAX_CLEAN_SWEEPS) -> list[Points]:
     """Read up to so many clouds, evenly spread: every second of them, every fourth and so on.
 
     Raises

@@ -62,7 +62,7 @@ LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 DOUBTFUL = -1.0  # from which on a point is looked at again
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
-ENOUGH = 500  # outliers of a sweep from which on all sweeps count the same
+MIN_OUTLIERS = 500  # outliers of a sweep from which on all sweeps count the same
 # How much a sweep's outliers, and its good points, count; 1 for every other kind. Ghosts and mixed
 # points of recordings look like thin things far away.
 BAD_COUNTS = {'ghosts': 0.15, 'mixed': 0.3, 'street': 1.5}
@@ -244,7 +244,7 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
     some_bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
     some_good = rng.choice(good, min(most, len(good)), replace=False)
-    counts = BAD_COUNTS.get(kind, 1.0) * min(1.0, all_bad / ENOUGH)
+    counts = BAD_COUNTS.get(kind, 1.0) * min(1.0, all_bad / MIN_OUTLIERS)
     of_bad = counts * len(bad) / max(all_bad, 1) / max(len(some_bad), 1)
     counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)

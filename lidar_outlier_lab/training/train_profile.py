@@ -59,10 +59,10 @@ GOOD, BAD = (4000, 8000), (400, 1000)  # points of a street, and of each cause, 
 GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
 LIMITS = np.arange(0, 61) / 10.0  # log-odds tried as thresholds
-MOST_LOST = 2.5e-5  # share of the good points that may be lost, of the median street
+MAX_LOST_SHARE = 2.5e-5  # share of the good points that may be lost, of the median street
 MEASURED = [*WINDOW].index('bright')  # features of the window: these scanners need no intensities
 NAMES = (*[*WINDOW][:MEASURED], *PROFILE)
-FEWEST = 1000  # points of a block, fewer are left out
+MIN_BLOCK_POINTS = 1000  # points of a block, fewer are left out
 DIGITS = 6
 
 
@@ -201,7 +201,7 @@ def _blocks(street: Street) -> Iterator[_Block]:
     t = street.points.t
     for begin in range(0, int(t[-1]) + 1, block):
         low, high = np.searchsorted(t, (begin - halo, begin + block + halo))
-        if high - low < FEWEST:
+        if high - low < MIN_BLOCK_POINTS:
             continue
         pattern = find_profile_pattern(street.points.take(slice(int(low), int(high))))
         if pattern is None:
@@ -263,7 +263,7 @@ def _choose_threshold(code: Sequence[Ints], odds: Sequence[Singles]) -> float:
     By the median street: of foliage, which some have, a few points always look like outliers.
     """
     lost = [lost_shares(*one, LIMITS) for one in zip(code, odds, strict=True)]
-    return least_limit(LIMITS, np.median(lost, axis=0), MOST_LOST)
+    return least_limit(LIMITS, np.median(lost, axis=0), MAX_LOST_SHARE)
 
 
 def _figures(code: Sequence[Ints], odds: Sequence[Singles], threshold: float) -> dict[str, Any]:

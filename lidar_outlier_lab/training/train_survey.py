@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     far_values,
     first_odds,
@@ -60,7 +60,7 @@ GOOD_COUNTS = 5.0  # how much good points count
 # Single points cannot tell them from edges, so they are neither good nor bad.
 NEITHER = (Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW)
 LIMITS = np.arange(-20, 121) / 10.0  # log-odds tried as thresholds
-MOST_LOST = 1e-4  # share of the good points that may be lost, of the median kind of scene
+MAX_LOST_SHARE = 1e-4  # share of the good points that may be lost, of the median kind of scene
 DIGITS = 6
 
 
@@ -182,7 +182,7 @@ def _values(scene: _SceneSeen, which: Ints, odds: Singles | None) -> Singles:
     near = neighbours(scene.hood, scene.around)
     if odds is None:
         return near_values(near, which)
-    index = scene.hood.nearest_of(which, min(MOST, len(scene.hood) - 1))
+    index = scene.hood.nearest_of(which, min(MAX_NEIGHBOURS, len(scene.hood) - 1))
     return far_values(Far(near, odds, index), which)
 
 
@@ -225,7 +225,7 @@ def _choose_threshold(scenes: Sequence[_SceneSeen], odds: Sequence[Singles]) -> 
     for scene, some in zip(scenes, odds, strict=True):
         kinds.setdefault(_kind(scene), []).append(lost_shares(scene.cause, some, LIMITS))
     lost = np.median([np.mean(some, axis=0) for some in kinds.values()], axis=0)
-    return least_limit(LIMITS, lost, MOST_LOST)
+    return least_limit(LIMITS, lost, MAX_LOST_SHARE)
 
 
 def _kind(scene: _SceneSeen) -> str:

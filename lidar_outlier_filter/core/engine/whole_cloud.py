@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, reads
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.points.scan_lines import has_lines
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS, recover_rings
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS, recover_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
@@ -58,7 +58,7 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
     if not reads(parameters, 'ring') or has_lines(cloud):
         return cloud
     where = np.flatnonzero(cloud.valid)
-    found = recover_rings(cloud.xyz[where]) if len(where) <= MOST_POINTS else None
+    found = recover_rings(cloud.xyz[where]) if len(where) <= MAX_TURN_POINTS else None
     if found is None:
         return cloud
     ring = np.full(len(cloud), -1)

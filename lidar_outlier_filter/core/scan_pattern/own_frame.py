@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The own frame of a spinning sensor, found in points that others have moved.
+"""The own frame of a spinning sensor, estimated from points in another frame.
 
 The head turns steadily, so the time of a point gives its azimuth, but for a constant that each ring
 may have of its own. Seen from the sensor, every point is where its azimuth says, however far it is:
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
 
 SAMPLES = 64  # points of a ring that show where the sensor was
-FEWEST, RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
-EVERY = 0.05  # seconds between the moments
-LONGEST = 2.0  # seconds: longer stretches would have too many moments
-NEAREST = 0.5  # m: what is nearer does not weigh more
+MIN_RING_RETURNS, MIN_RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
+MOMENT_S = 0.05  # seconds between the moments
+MAX_STRETCH_S = 2.0  # seconds: longer stretches would have too many moments
+MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
 FITS, LEANS = 10, 3
-ENOUGH = 1e-5  # m and rad: a fit that changes less is done
-STEEPEST = 0.5  # cosine of the most that it may lean
-OFF = 0.5  # steps of the head that a typical return may be off its azimuth
-RIDGE = 1e-9  # what nothing shows stays as it is
+CONVERGED = 1e-5  # m and rad: a fit that changes less is done
+MIN_UP_COSINE = 0.5  # cosine of the most that it may lean
+MAX_OFF_STEPS = 0.5  # steps of the head that a typical return may be off its azimuth
+RIDGE = 1e-9  # keeps unknowns that no point determines
 HUBER = 3.0  # times the median residual, beyond which a point weighs less
-FINEST_M, FINEST_RAD = 1024.0, 65536.0  # parts that positions and leans are rounded to
+POSITION_PARTS, LEAN_PARTS = 1024.0, 65536.0  # parts that positions and leans are rounded to
 
 
 class _Some(NamedTuple):
@@ -66,12 +66,12 @@ def find_own_frame(points: Points) -> Points | None:
     """
     order = order_by_line(points)
     first = line_starts(points.line[order])
-    rings = np.flatnonzero(np.diff(first) >= FEWEST)
+    rings = np.flatnonzero(np.diff(first) >= MIN_RING_RETURNS)
     t = points.t[order]
-    if len(rings) < RINGS or not is_interleaved(t, first):
+    if len(rings) < MIN_RINGS or not is_interleaved(t, first):
         return None
     start, seconds = int(t.min()), float(np.ptp(t)) / SECOND
-    if seconds > LONGEST:
+    if seconds > MAX_STRETCH_S:
         return None
     rows = order[first[rings, None] + np.arange(SAMPLES) * np.diff(first)[rings, None] // SAMPLES]
     guess = _first_guess(points.xyz[rows])
@@ -82,11 +82,11 @@ def find_own_frame(points: Points) -> Points | None:
     passed = np.diff(t)
     step = abs(rate) * float(np.median(passed[passed > 0])) / SECOND  # of the head, rad
     when = (points.t - start) / SECOND
-    moments = np.linspace(0.0, seconds, int(np.ceil(seconds / EVERY)) + 1)
+    moments = np.linspace(0.0, seconds, int(np.ceil(seconds / MOMENT_S)) + 1)
     near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
     some = _Some(points.xyz[rows] - guess, near, rate * when[rows])
     position, turn, off = _find(some)
-    if not off <= OFF * step:
+    if not off <= MAX_OFF_STEPS * step:
         return None
     own, away = np.empty_like(points.xyz), (points.xyz - guess).T
     for axis in range(3):
@@ -107,14 +107,14 @@ def _find(some: _Some) -> tuple[Floats, Floats, float]:
         position, _ = _fit(seen, position)
         position[:, 2], lean = _level(seen, position)
         up = turn.T @ lean
-        if not up[2] > STEEPEST * np.sqrt((up**2).sum()):
+        if not up[2] > MIN_UP_COSINE * np.sqrt((up**2).sum()):
             return position, turn, np.inf
-        before, turn = turn, _upright(np.rint(up * FINEST_RAD) / FINEST_RAD)
+        before, turn = turn, _upright(np.rint(up * LEAN_PARTS) / LEAN_PARTS)
         position = position @ before @ turn.T
         seen = some._replace(xyz=np.einsum('rsj,ij->rsi', some.xyz, turn))
     position, off = _fit(seen, position)
     position[:, 2], _ = _level(seen, position)
-    return np.rint(position * FINEST_M) / FINEST_M, turn, off
+    return np.rint(position * POSITION_PARTS) / POSITION_PARTS, turn, off
 
 
 def _upright(up: Floats) -> Floats:
@@ -155,12 +155,12 @@ def _fit(some: _Some, position: Floats) -> tuple[Floats, float]:
         off = float(np.median(angle))
         columns = (-sine[..., None], cosine[..., None], far[..., None])
         rows = np.concatenate([column * some.at for column in columns], axis=2)
-        weight = _weights(angle, off) / np.maximum(np.abs(far), NEAREST)
+        weight = _weights(angle, off) / np.maximum(np.abs(far), MIN_WEIGHED_M)
         change, constant = _solve(rows, far, -beside, weight)
         position[:, 0] += change[:count]
         position[:, 1] += change[count : 2 * count]
         phase = phase + some.at @ change[2 * count :] + constant[:, None]
-        if np.abs(change).max() < ENOUGH:
+        if np.abs(change).max() < CONVERGED:
             break
     return position, off
 
@@ -170,7 +170,7 @@ def _level(some: _Some, position: Floats) -> tuple[Floats, Floats]:
     count = len(position)
     about = (some.xyz - some.at @ position)[:, :, :2]
     flat = np.sqrt((about**2).sum(axis=2))
-    far = np.maximum(flat, NEAREST)
+    far = np.maximum(flat, MIN_WEIGHED_M)
     rows, weight = np.concatenate([some.at, about], axis=2), 1.0 / far
     height = some.xyz[:, :, 2]
     found = np.zeros(count + 2)
@@ -179,7 +179,7 @@ def _level(some: _Some, position: Floats) -> tuple[Floats, Floats]:
         found, slope = _solve(rows, flat, height, weight)
         angle = np.abs(height - rows @ found - slope[:, None] * flat) / far
         weight = _weights(angle, float(np.median(angle))) / far
-        if np.abs(found - before).max() < ENOUGH:
+        if np.abs(found - before).max() < CONVERGED:
             break
     return found[:count], np.array([-found[count], -found[count + 1], 1.0])
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 
 
-MOST_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line
+MAX_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line
 SAME_SHOT = 2e-5  # rad: nearer than that, two returns of a ring are of one beam
 
 
@@ -65,7 +65,7 @@ def _sort_nearly(lines: OrderedLines, begin: int, end: int, phase: Floats, up: F
     count = 0
     for line in range(begin, end):
         low, high = first[line], first[line + 1]
-        left = MOST_MOVES * (high - low)
+        left = MAX_MOVES * (high - low)
         for k in range(low + 1, high):
             if phase[k] > phase[k - 1]:
                 continue
@@ -144,8 +144,8 @@ def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original
 
 
 UNKNOWN = np.float32(-1.0)  # brightness
-STRETCH = 24  # cells on either side of a point: nothing looks farther along a line
-PAD = LANES + STRETCH  # cells: as many as are looked at side by side, and what these look at
+STRETCH = 24  # cells on either side of a point: the reach of windows along a line
+PAD = LANES + STRETCH  # cells: as many as are read side by side, and their reach
 NOWHERE = 1e9  # rad: the phase where there is no point
 LINES_AT_ONCE = 4  # lines that a thread takes of long work
 POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are done before it wakes
@@ -154,8 +154,7 @@ POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are d
 class Pattern(NamedTuple):
     """N points sorted by ring, from below, and azimuth, in M cells.
 
-    Around the rings are ``PAD`` cells without a point: whatever looks a few cells on finds a
-    phase there that is far away.
+    Around the rings are ``PAD`` cells without a point, whose phase is far away from any other.
 
     Attributes
     ----------
@@ -220,14 +219,14 @@ def count_points(pattern: Pattern) -> int:
 
 
 def spread(pattern: Pattern, values: NDArray[Any], out: NDArray[Any]) -> None:
-    """Write what cells have (M,) to their points (N,), in the order given, copies included."""
+    """Write values of cells (M,) to their points (N,), in the order given, copies included."""
     there = pattern.order >= 0
     out[pattern.order[there]] = values[there]
     fill_copies(pattern, out)
 
 
 def fill_copies(pattern: Pattern, out: NDArray[Any]) -> None:
-    """Give copies (N,) what the points have that they are copies of."""
+    """Give copies the values of their originals, in values of N points."""
     out[pattern.copies[:, 0]] = out[pattern.copies[:, 1]]
 
 

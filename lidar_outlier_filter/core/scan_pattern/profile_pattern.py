@@ -27,8 +27,8 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     sort_lines,
 )
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
-    AWAY,
-    FEWEST,
+    MIN_RANGE_M,
+    MIN_RETURNS,
     SAMPLES,
     TimedLines,
     find_scanner,
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
-FEWEST_LINES = 2
+MIN_LINES = 2
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.
-MORE = 1.01
+STEP_MARGIN = 1.01
 MAD_TO_SIGMA = 1.4826
 SIGMA_FLOOR = 0.002  # metres
 NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
@@ -66,7 +66,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     first = line_starts(points.line[order])
     t = points.t[order]
     lines = len(first) - 1
-    if lines < FEWEST_LINES or is_interleaved(t, first):
+    if lines < MIN_LINES or is_interleaved(t, first):
         return None
     # Lines in order of time, whatever their numbers.
     rank = np.argsort(t[first[:-1]], kind='stable')
@@ -79,7 +79,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     pool.run(lambda i, j: sort_lines(ordered, i, j, phase, nothing), *(lines, at_once, threads))
     steps = phase[1:] - phase[:-1]
     steps = steps[steps > 0.0]
-    step = np.full(lines, MORE * np.median(steps) if len(steps) else TURN, np.float32)
+    step = np.full(lines, STEP_MARGIN * np.median(steps) if len(steps) else TURN, np.float32)
     noise = np.full(lines, NOISE * _sigma(distance, order, phase, first), np.float32)
     found = make_pattern(
         np.diff(first)[rank],
@@ -102,7 +102,7 @@ def _ranges(xyz: Floats, position: Floats, order: Ints, first: Ints) -> Floats:
     line = np.empty(len(order), np.int64)
     line[order] = np.repeat(np.arange(len(position)), np.diff(first))
     x, y, z = (xyz[:, axis] - position[line, axis] for axis in range(3))
-    distance: Floats = np.maximum(np.sqrt(x * x + y * y + z * z), AWAY)
+    distance: Floats = np.maximum(np.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
     return distance
 
 
@@ -120,7 +120,7 @@ def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
     """
     sizes = np.diff(first)
     inner = first[:-1, None] + 1 + np.arange(SAMPLES) * (sizes[:, None] - 2) // SAMPLES
-    some = inner[sizes >= FEWEST].ravel()
+    some = inner[sizes >= MIN_RETURNS].ravel()
     span = phase[some + 1] - phase[some - 1]
     part = (phase[some] - phase[some - 1]) / np.where(span > 0.0, span, 1.0)
     reach = distance[order[some]]

@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints
 
 SAMPLES = 64  # returns of a line that show where the scanner is
-FEWEST = 32  # returns of a line, fewer show nothing
-KNOWN = 0.5  # share of the lines whose own returns must show the scanner's position
+MIN_RETURNS = 32  # returns of a line, fewer show nothing
+MIN_KNOWN_SHARE = 0.5  # share of the lines whose own returns must show the scanner's position
 FITS = 3
-NEAREST = 0.5  # m: what is nearer does not weigh more
-UNEVEN = 0.5  # steps of the mirror that a typical return may be off its angle
-FLAT = 0.02  # rad that a typical return of a typical line may be off its plane
-UNSURE = 0.2  # m: standard deviation of the scanner's position
-FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
-AWAY = 0.01  # m: least range
+MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
+MAX_OFF_STEPS = 0.5  # steps of the mirror that a typical return may be off its angle
+MAX_OFF_PLANE_RAD = 0.02  # rad that a typical return of a typical line may be off its plane
+MAX_SIGMA_M = 0.2  # m: standard deviation of the scanner's position
+POSITION_PARTS = 1024.0  # parts of a metre that the scanner's position is rounded to
+MIN_RANGE_M = 0.01  # m: least range
 TINY = np.finfo(np.float64).tiny
 EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
 UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
@@ -44,7 +44,7 @@ LINES_AT_ONCE = 256  # that a thread fits
 # mirror swings less: there trees on the neighbours, which know such clouds, judge better.
 SWINGS = np.geomspace(0.8, 2.5, 25)
 SWING_LINES = 5  # the longest ones show how far a mirror swings
-FINEST_RAD = 2.0**30  # parts of a rad that angles of a swing are rounded to
+ANGLE_PARTS = 2.0**30  # parts of a rad that angles of a swing are rounded to
 
 
 class Scanner(NamedTuple):
@@ -107,11 +107,11 @@ class _Mirror(NamedTuple):
 
 
 def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
-    """Find where the scanner was; None where that does not show.
+    """Estimate where the scanner was; None where the points do not determine it.
 
     At most so many ``threads`` work at once; 0 for as many as there are cores.
     """
-    if np.count_nonzero(lines.sizes >= FEWEST) < KNOWN * len(lines.sizes):
+    if np.count_nonzero(lines.sizes >= MIN_RETURNS) < MIN_KNOWN_SHARE * len(lines.sizes):
         return None
     for find in (_turning_mirror, _swinging_mirror):
         mirror = find(lines)
@@ -146,9 +146,9 @@ def _swinging_mirror(lines: TimedLines) -> _Mirror | None:
     found = [_find_swing(xyz, wave[some]) for wave in waves]
     swing, off = min(found, key=lambda one: one[1] / one[0])
     step = _usual_step(lines) * (2.0 * swing / period)
-    if off > UNEVEN * step:
+    if off > MAX_OFF_STEPS * step:
         return None
-    angle = np.rint(swing * waves[found.index((swing, off))] * FINEST_RAD) / FINEST_RAD
+    angle = np.rint(swing * waves[found.index((swing, off))] * ANGLE_PARTS) / ANGLE_PARTS
     return _Mirror(angle, step, turns, swings=True)
 
 
@@ -186,7 +186,7 @@ def _usual_step(lines: TimedLines) -> float:
 
 
 def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
-    """Find where the scanner was, if its mirror moved so; None where points lie elsewhere."""
+    """Estimate where the scanner was; None where points do not lie at the mirror's angles."""
     xyz, order, rank = lines.xyz, lines.order, lines.rank
     some, count = lines.places(EVENLY), len(rank)
     parts = pool.run(
@@ -194,8 +194,12 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         *(count, LINES_AT_ONCE, threads),
     )
     fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    good = (fit.off <= UNEVEN * mirror.step) & (fit.unsure <= UNSURE) & (lines.sizes >= FEWEST)
-    if np.count_nonzero(good) < KNOWN * count:
+    good = (
+        (fit.off <= MAX_OFF_STEPS * mirror.step)
+        & (fit.unsure <= MAX_SIGMA_M)
+        & (lines.sizes >= MIN_RETURNS)
+    )
+    if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:
         return None
     # Unevenly taken, because of rings in turn even steps would take always the same one.
     some = lines.places(UNEVENLY)
@@ -205,13 +209,13 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         ),
         *(count, LINES_AT_ONCE, threads),
     )
-    if np.median(np.concatenate(away)[good]) > FLAT:
+    if np.median(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
         return None
     known, when = good[rank], mirror.turns[rank]
     found = np.empty((count, 3))
     for axis in range(3):
         found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
-    found = np.rint(found * FINEST) / FINEST
+    found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
     if not mirror.swings:
         return Scanner(found, mirror.angle)
     sense = _sense(xyz[order[lines.places(EVENLY)]] - found[:, None], rank)
@@ -219,8 +223,8 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
 
 
 def _sense(xyz: Floats, rank: Ints) -> Floats:
-    """Return which way the mirror turns in each line, 1 or -1, from what it saw there (L, S, 3)."""
-    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), AWAY)
+    """Return which way the mirror turns in each line, 1 or -1, by its returns (L, S, 3)."""
+    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), MIN_RANGE_M)
     axis = np.cross(ray[:, :-1], ray[:, 1:]).sum(axis=1)[rank]
     sense = np.ones(len(rank))
     sense[rank[1:]] = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
@@ -279,12 +283,12 @@ def _fit_plane(x: Floats, y: Floats, sine: Floats, cosine: Floats) -> Fit:
         square = np.maximum(a * a + b * b, TINY)
         east, north = (c * a - d * b) / square, (c * b + d * a) / square
         far = np.hypot(x - east[:, None], y - north[:, None])
-        weight = 1.0 / np.maximum(far, NEAREST)
+        weight = 1.0 / np.maximum(far, MIN_WEIGHED_M)
     error, second = np.maximum(values[:, 0], 0.0), np.maximum(values[:, 1] * square, TINY)
     residual = np.abs((vectors[:, :, 0].T[..., None] * said).sum(axis=0)) * weight
     off = np.median(residual, axis=1) / np.sqrt(square)
     # Points that all lie where the scanner is fit any angle.
-    off[~(np.median(far, axis=1) > AWAY)] = np.inf
+    off[~(np.median(far, axis=1) > MIN_RANGE_M)] = np.inf
     return Fit(np.stack([east, north]), off, np.sqrt(error / (x.shape[1] * second)))
 
 
@@ -295,7 +299,7 @@ def off_plane(xyz: Floats, turned: Floats) -> Floats:
     normal as the mirror turns (L, S): a scanner that drives draws a screw.
     """
     far = np.sqrt((xyz**2).sum(axis=2))
-    weight = 1.0 / np.maximum(far, NEAREST)
+    weight = 1.0 / np.maximum(far, MIN_WEIGHED_M)
     since = turned - turned.mean(axis=1, keepdims=True)
     rows = np.stack([*np.moveaxis(xyz, 2, 0), np.ones_like(far), since]) * weight
     gram = _gram(rows)

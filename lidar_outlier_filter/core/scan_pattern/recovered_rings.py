@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rings of a cloud that does not say them, found by the elevations of its points; or bands.
+"""Rings of a cloud without a ring field, recovered from elevations; or bands of elevation.
 
-A spinning sensor measures at some elevations only. Seen from where its beams leave, points crowd
-there, and nothing is between. Clouds of others have no such elevations.
+A spinning sensor measures at some elevations only. Seen from the origin of its beams, points lie at
+these elevations, and none between. Clouds of other sensors have no such elevations.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import FEWEST, TURN, arctangent
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, TURN, arctangent
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,10 +31,10 @@ SEARCH_STEPS = 6  # steps of the first search, each way
 STEP_M = 0.02  # metres
 FINEST_STEP_M = 0.0005
 MOVES = 4  # with each step
-SOME, MORE = 1 << 12, 1 << 14  # points of the first search, and of the others
-ON = 4  # positions on in the order of elevations: copies lie at the same one
-LEAST_GAP_RAD = 2e-5  # rad that is added to a distance: copies have none
-BETTER = 0.02  # halvings of the distance, less than which the origin is as good
+COARSE_POINTS, FINE_POINTS = 1 << 12, 1 << 14  # points of the first search, and of the others
+RANKS_ON = 4  # positions on in the order of elevations: copies lie at the same one
+MIN_GAP_RAD = 2e-5  # rad that is added to a distance: copies have none
+MIN_GAIN = 0.02  # halvings of the distance, less than which the origin is as good
 
 
 class Origin(NamedTuple):
@@ -54,14 +54,14 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
     """
     best, least = Origin(0.0, 0.0), math.inf
-    few = slice(None, None, max(1, len(z) // SOME))
+    few = slice(None, None, max(1, len(z) // COARSE_POINTS))
     for i in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
         for j in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
             tried = Origin(STEP_M * i, STEP_M * j)
             value = spread(flat[few], z[few], *tried)
             if value < least:
                 best, least = tried, value
-    many = slice(None, None, max(1, len(z) // MORE))
+    many = slice(None, None, max(1, len(z) // FINE_POINTS))
     flat, z = flat[many], z[many]
     least, step = spread(flat, z, *best), STEP_M / 2
     while step >= FINEST_STEP_M:
@@ -74,7 +74,7 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
             least = min(values)
             best = near[values.index(least)]
         step /= 2
-    return best if spread(flat, z, 0.0, 0.0) > least + BETTER else Origin(0.0, 0.0)
+    return best if spread(flat, z, 0.0, 0.0) > least + MIN_GAIN else Origin(0.0, 0.0)
 
 
 @kernel
@@ -86,28 +86,30 @@ def spread(flat: Floats, z: Floats, up: float, out: float) -> float:
         elevation[i] = arctangent(z[i] - up, flat[i] - out)
     elevation.sort()
     total = 0.0
-    for i in range(count - ON):
+    for i in range(count - RANKS_ON):
         # Straight lines between powers of two: no processor's own logarithm.
-        part, power = math.frexp(elevation[i + ON] - elevation[i] + LEAST_GAP_RAD)
+        part, power = math.frexp(elevation[i + RANKS_ON] - elevation[i] + MIN_GAP_RAD)
         total += power + 2.0 * (part - 1.0)
-    return total / max(count - ON, 1)
+    return total / max(count - RANKS_ON, 1)
 
 
-LEAST_RINGS, MOST_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
-MOST_POINTS = 2_000_000  # of a turn: two returns of 128 rings, a shot each 0.1°, are half of that
-SPAN = 0.05  # rad from the lowest ring to the highest: a cloud far from its origin has less
-FINEST = TURN / 72_000  # rad: a column of the histogram of elevations
+MIN_RINGS, MAX_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
+MAX_TURN_POINTS = (
+    2_000_000  # of a turn: two returns of 128 rings, a shot each 0.1°, are half of that
+)
+MIN_SPAN_RAD = 0.05  # rad from the lowest ring to the highest: a cloud far from its origin has less
+COLUMN_RAD = TURN / 72_000  # rad: a column of the histogram of elevations
 WIDTHS = (1, 2, 4, 8, 16, 32)  # columns over which the histogram is smoothed
-FAR = 8.0  # metres, from which on what a beam leaves beside the origin does not matter
+FAR_M = 8.0  # metres, from which on what a beam leaves beside the origin does not matter
 # Rad of elevation, in which all but the nearest quarter of the points are far: a wider one, or a
 # larger part, would be all that a ring on the ground has.
-BAND = TURN / 1440
-LEAST = 6  # points of a ring, in as many columns as it is smoothed over
+BAND_RAD = TURN / 1440
+MIN_RING_POINTS = 6  # points of a ring, in as many columns as it is smoothed over
 VALLEY = 2  # times as many points as between two rings, at either
-NEAR = 0.25  # of the angle to the nearer ring beside: so near a ring are its points
+NEAR_PART = 0.25  # of the angle to the nearer ring beside: so near a ring are its points
 # Share of the points that are so near. Of sensors it was 0.98 and more, and 0.89 where coordinates
 # within a room were rounded to 1 cm; of other clouds 0.66 and less.
-ENOUGH = 0.85
+MIN_NEAR_SHARE = 0.85
 AS_GOOD = 0.002  # less than the best share: the smoother histogram counts
 
 
@@ -125,12 +127,12 @@ def recover_rings(xyz: Floats) -> Ints | None:
         The ring of each point, from 0, the lowest. None where the points have no rings.
 
     """
-    if not LEAST_RINGS * FEWEST <= len(xyz) <= MOST_POINTS:
+    if not MIN_RINGS * MIN_RING_RETURNS <= len(xyz) <= MAX_TURN_POINTS:
         return None
     flat, z = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2), np.ascontiguousarray(xyz[:, 2])
     order = np.lexsort((flat, z))
     ordered = flat[order], z[order]
-    if _span(elevations(*ordered, Origin(0.0, 0.0))) < SPAN:
+    if _span(elevations(*ordered, Origin(0.0, 0.0))) < MIN_SPAN_RAD:
         return None
     origin = find_origin(*ordered)
     rings = find_elevations(*ordered, origin)
@@ -169,28 +171,28 @@ def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
     """
     elevation = elevations(flat, z, origin)
     elevation = elevation[is_far(elevation, np.sqrt(flat * flat + z * z))]
-    column = np.floor((elevation + TURN / 2) / FINEST).astype(np.int64) + WIDTHS[-1]
-    count = np.bincount(column, minlength=round(TURN / FINEST) + 2 * WIDTHS[-1])
+    column = np.floor((elevation + TURN / 2) / COLUMN_RAD).astype(np.int64) + WIDTHS[-1]
+    count = np.bincount(column, minlength=round(TURN / COLUMN_RAD) + 2 * WIDTHS[-1])
     best: Floats = np.empty(0)
     most = 0.0
     for width in WIDTHS:
-        peaks = find_peaks(_smooth(count, width), LEAST * width)
-        if not LEAST_RINGS <= len(peaks) <= MOST_RINGS:
+        peaks = find_peaks(_smooth(count, width), MIN_RING_POINTS * width)
+        if not MIN_RINGS <= len(peaks) <= MAX_RINGS:
             continue
-        rings = (peaks.astype(np.float64) - WIDTHS[-1] + 0.5) * FINEST - TURN / 2
+        rings = (peaks.astype(np.float64) - WIDTHS[-1] + 0.5) * COLUMN_RAD - TURN / 2
         share = _share_near(elevation, rings)
         if share > most - AS_GOOD:
             best, most = rings, max(share, most)
-    return best if most >= ENOUGH and best[-1] - best[0] >= SPAN else None
+    return best if most >= MIN_NEAR_SHARE and best[-1] - best[0] >= MIN_SPAN_RAD else None
 
 
 def is_far(elevation: Floats, distance: Floats) -> NDArray[np.bool_]:
     """Return which points are far among those of about their elevation."""
-    band = np.floor(elevation / BAND).astype(np.int64)
+    band = np.floor(elevation / BAND_RAD).astype(np.int64)
     order = np.lexsort((distance, band))
     first = line_starts(band[order])
     quarter = distance[order[first[:-1] + np.diff(first) // 4]]
-    least = np.repeat(np.minimum(quarter, FAR), np.diff(first))
+    least = np.repeat(np.minimum(quarter, FAR_M), np.diff(first))
     far = np.empty(len(band), np.bool_)
     far[order] = distance[order] >= least
     return far
@@ -207,7 +209,7 @@ def _share_near(elevation: Floats, rings: Floats) -> float:
     between = np.diff(rings)
     nearer = np.minimum(np.append(between, np.inf), np.append(np.inf, between))
     nearest = np.searchsorted((rings[1:] + rings[:-1]) / 2.0, elevation)
-    near = np.abs(elevation - rings[nearest]) < NEAR * nearer[nearest]
+    near = np.abs(elevation - rings[nearest]) < NEAR_PART * nearer[nearest]
     of_ring = np.bincount(nearest, minlength=len(rings))
     shares = np.bincount(nearest, near, len(rings)) / np.maximum(of_ring, 1)
     return min(float(near.mean()), float(shares.mean()))

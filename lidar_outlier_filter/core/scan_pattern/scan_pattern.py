@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 # give intensities in units of their own, with or without the range taken out.
 # Metres. Two to an octave, which single precision holds exactly.
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
-EVERY = 4  # the part of the cells that shows what is usual
-ENOUGH_CELLS = 30  # of them between two edges; fewer show nothing
+SAMPLED_EVERY = 4  # the part of the cells that shows what is usual
+MIN_CELLS = 30  # of them between two edges; fewer show nothing
 BRIGHTEST = np.float32(8.0)
 
 
@@ -52,12 +52,12 @@ def brightness(order: Ints, reach: Singles, intensity: Singles) -> Singles:
 
     """
     bright = np.empty(len(order), np.float32)
-    shown = EVERY * np.flatnonzero(order[::EVERY] >= 0)
+    shown = SAMPLED_EVERY * np.flatnonzero(order[::SAMPLED_EVERY] >= 0)
     value = intensity[order[shown]]
     shown, value = shown[value >= 0], value[value >= 0]
     between = np.searchsorted(EDGES, reach[shown])
     usual = np.zeros(len(EDGES) + 1, np.float32)  # 0 where there are too few
-    for b in np.flatnonzero(np.bincount(between) >= ENOUGH_CELLS):
+    for b in np.flatnonzero(np.bincount(between) >= MIN_CELLS):
         usual[b] = np.median(value[between == b])
     _compare(order, reach, intensity, usual, bright)
     return bright
@@ -80,12 +80,14 @@ TURN = 2.0 * np.pi
 BESIDE_EACH = 2  # rings beside each, below and above
 LAG = 8  # returns of a ring, to measure how fast the head turns
 SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
-FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
-STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
+MIN_RING_RETURNS = 2 * LAG  # returns of a ring that show how fast the head turns
+MIN_STEADY_SHARE = (
+    0.9  # share of the steps along rings that go the way the head turns: less is no pattern
+)
 AT_ONCE = 1 << 14  # points that a thread takes
-LEAST_GAP = 1e-4  # rad between rings
-LEAST_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
-MOST_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
+MIN_GAP_RAD = 1e-4  # rad between rings
+MIN_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
+MAX_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
 NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
 LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
 # Parts of a rad that phases are rounded to, and a turn in them: so differences of phases are exact
@@ -111,7 +113,7 @@ ATAN = np.array(
 
 
 def find_pattern(
-    points: Points, threads: int = 0, *, spins: bool = False, steady: float = STEADY
+    points: Points, threads: int = 0, *, spins: bool = False, steady: float = MIN_STEADY_SHARE
 ) -> Pattern | None:
     """Sort points by ring and azimuth.
 
@@ -129,7 +131,7 @@ def find_pattern(
         are too short, or their azimuths do not go steadily one way.
 
     """
-    if len(points) < FEWEST:
+    if len(points) < MIN_RING_RETURNS:
         return None
     order = order_by_line(points)
     t, first = points.t[order], line_starts(points.line[order])
@@ -174,7 +176,7 @@ def _turn(lines: OrderedLines, t: Ints, share: float, threads: int) -> _Turned |
     """Sort each ring by the angle turned; None where the head does not turn steadily."""
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
-    pool.run(lambda i, j: _look(lines, i, j, azimuth, up), count, AT_ONCE, threads)
+    pool.run(lambda i, j: _write_directions(lines, i, j, azimuth, up), count, AT_ONCE, threads)
     rate = turning_rate(azimuth, t, lines.first)
     if not abs(rate) > 0.0:
         return None
@@ -216,10 +218,10 @@ def _leave_out_copies(
 
 def _space_out(sine: Floats, step: Floats) -> dict[str, Singles]:
     """Return the angles between rings and shots, of sines of elevations in ascending order."""
-    cosine = np.sqrt(np.maximum(1.0 - sine**2, LEAST_COSINE**2))
+    cosine = np.sqrt(np.maximum(1.0 - sine**2, MIN_COSINE**2))
     # Straight up and down, where the cosine is 0, all rings are one.
     middle = np.sqrt(np.maximum(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2, np.finfo(float).tiny))
-    between = np.maximum(np.diff(sine) / middle, LEAST_GAP)
+    between = np.maximum(np.diff(sine) / middle, MIN_GAP_RAD)
     below, above = np.append(np.nan, between), np.append(between, np.nan)
     beside = np.ones((2 * BESIDE_EACH, len(sine)))
     beside[1, 1:], beside[2, :-1] = between, between
@@ -230,7 +232,7 @@ def _space_out(sine: Floats, step: Floats) -> dict[str, Singles]:
         gap, far = np.ones(1), np.full(1, np.nan)
     else:
         gap, far = np.fmin(below, above), np.maximum(below, above)
-    uneven = np.where(np.isnan(far), MOST_UNEVEN, np.minimum(far / gap, MOST_UNEVEN))
+    uneven = np.where(np.isnan(far), MAX_UNEVEN, np.minimum(far / gap, MAX_UNEVEN))
     values = {'step': step * cosine, 'gap': gap, 'turn': 1.0 / cosine}
     values.update(beside=beside, uneven=uneven)
     return {name: value.astype(np.float32) for name, value in values.items()}
@@ -255,7 +257,9 @@ def arctangent(y: float, x: float) -> float:
 
 
 @kernel
-def _look(lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats) -> None:
+def _write_directions(
+    lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats
+) -> None:
     xyz, distance, order, _ = lines
     for k in range(begin, end):
         i = order[k]

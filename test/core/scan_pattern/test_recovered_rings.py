@@ -16,7 +16,7 @@ from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
-    BAND,
+    BAND_RAD,
     find_origin,
     find_peaks,
     is_far,
@@ -112,7 +112,7 @@ def test_near_points_show_no_ring() -> None:
     rng = np.random.default_rng(6)
     elevation, distance = rng.uniform(-0.02, 0.02, 400), rng.uniform(1.0, 30.0, 400)
     distance[elevation > 0.0] *= 0.2
-    band = np.floor(elevation / BAND).astype(int)
+    band = np.floor(elevation / BAND_RAD).astype(int)
     expected = []
     for one, far in zip(band, distance, strict=True):
         alike = sorted(distance[band == one])

@@ -14,7 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     first_pass,
@@ -48,13 +48,14 @@ _NEIGHBOURS = {**features.NEAR, **features.FAR}
 def contributions(
     seen: DetectorInput, parameters: FilterParameters, wanted: Bools
 ) -> Contributions:
-    """Find what features add to the verdicts of the wanted ones of N points.
+    """Return the contributions of features to the scores of selected points.
 
     Parameters
     ----------
-    seen : what the default judged
-    parameters : by which it did
+    seen : the detector's input, N points
+    parameters : of the detector
     wanted : (N,) bool
+        Points to explain.
 
     """
     method, found = choose(seen, parameters)
@@ -87,7 +88,7 @@ def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) of wanted points without a scan pattern."""
     model, xyz = load(SURVEY_MODEL), seen.points.xyz
     hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
-    if len(hood) <= K:  # they are not judged
+    if len(hood) <= K:  # too few points to judge
         nothing = np.zeros((len(_NEIGHBOURS), np.count_nonzero(wanted)), np.float32)
         return nothing, nothing[0]
     near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), seen.threads))
@@ -98,7 +99,7 @@ def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
     column[index[which]] = np.arange(len(which))
     column[copy] = column[original]
     again = first[which] > np.float32(model.doubtful)
-    far = Far(near, first, hood.nearest_of(which[again], min(MOST, len(hood) - 1)))
+    far = Far(near, first, hood.nearest_of(which[again], min(MAX_NEIGHBOURS, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
     added, average = _of_passes(model, again, *values)
     return added[:, column[wanted]], average[column[wanted]]
@@ -109,7 +110,7 @@ def _of_passes(
 ) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) by the pass that judged each point.
 
-    ``once`` and ``twice`` are the features of those of the first and of the second pass.
+    ``once`` and ``twice`` are the features of points judged by the first and by the second pass.
     """
     added = np.zeros((len(twice), len(again)), np.float32)
     added[: len(once), ~again] = contribute(model.first, once)
@@ -119,7 +120,7 @@ def _of_passes(
 
 
 def average_of(trees: Trees) -> float:
-    """Return what trees say on average, log-odds."""
+    """Return the mean log-odds of an ensemble."""
     return float(trees.start + trees.value.mean(axis=1, dtype=np.float64).sum())
 
 

@@ -14,9 +14,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees import near_features
 from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
-    FAR as MOST_VALUE,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
+    MAX_VALUE,
     NARROW,
     SMOOTH,
     add_moments,
@@ -36,10 +34,13 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.near_features import Near
 
-MOST, SOME = 60, 20  # neighbours
-DENSE = 5  # rank of the neighbour that is dense, from 0
-GAP = 2.0  # S: a longer distance ends a group
-SORT_SOME, SORT_MOST = network(SOME, range(SOME)), network(MOST, range(MOST))
+MAX_NEIGHBOURS, FEWER_NEIGHBOURS = 60, 20  # neighbours
+DENSE_RANK = 5  # rank of the neighbour that is dense, from 0
+GROUP_GAP = 2.0  # S: a longer distance ends a group
+SORT_SOME, SORT_MOST = (
+    network(FEWER_NEIGHBOURS, range(FEWER_NEIGHBOURS)),
+    network(MAX_NEIGHBOURS, range(MAX_NEIGHBOURS)),
+)
 JOINING = 10  # numbers for each lane, while neighbours are joined
 
 BEGIN, COUNT, ROW = len(NEAR), len(NEAR) + len(FAR), rows(FAR, len(NEAR))
@@ -60,7 +61,7 @@ class Far(NamedTuple):
 
     near: Near
     odds: Singles
-    index: Index  # type: ignore[assignment]  # nobody misses that of tuples
+    index: Index  # type: ignore[assignment]  # hides the method of tuples
 
 
 class FarBuffers(NamedTuple):
@@ -71,12 +72,12 @@ class FarBuffers(NamedTuple):
     near : that of the nearest eight
     scale : (LANES,) float64
         S, metres.
-    offset : (3, MOST, LANES) float64
+    offset : (3, MAX_NEIGHBOURS, LANES) float64
         Where the neighbours are, from the point, metres.
-    distance, radii : (MOST, LANES) float64
+    distance, radii : (MAX_NEIGHBOURS, LANES) float64
         How far they are, and their distances to their own eighth, metres.
-    work : (MOST, LANES) float64
-    some : (SOME, LANES) float64
+    work : (MAX_NEIGHBOURS, LANES) float64
+    some : (FEWER_NEIGHBOURS, LANES) float64
     joining : (JOINING, LANES) float64
 
     """
@@ -94,13 +95,13 @@ class FarBuffers(NamedTuple):
 @inner_kernel
 def make_buffers() -> FarBuffers:
     """Allocate for points that are measured side by side."""
-    lists = np.empty((3, MOST, LANES))
+    lists = np.empty((3, MAX_NEIGHBOURS, LANES))
     return FarBuffers(
         near_features.make_buffers(),
         np.empty(LANES),
-        np.empty((3, MOST, LANES)),
+        np.empty((3, MAX_NEIGHBOURS, LANES)),
         *(lists[0], lists[1], lists[2]),
-        *(np.empty((SOME, LANES)), np.empty((JOINING, LANES))),
+        *(np.empty((FEWER_NEIGHBOURS, LANES)), np.empty((JOINING, LANES))),
     )
 
 
@@ -108,7 +109,7 @@ def make_buffers() -> FarBuffers:
 def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: Singles) -> None:
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
     near, scale, count = far.near, buffers.scale, far.index.shape[1]
-    some = min(SOME, count)
+    some = min(FEWER_NEIGHBOURS, count)
     near_features.write_near(near, points, buffers.near, values)
     for lane in range(LANES):
         p, others = points[lane], far.index[rows[lane]]
@@ -125,7 +126,7 @@ def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: S
     _write_group(count, buffers, values)
     for feature in range(BEGIN, COUNT):
         for lane in range(len(scale)):
-            values[feature, lane] = min(max(values[feature, lane], -MOST_VALUE), MOST_VALUE)
+            values[feature, lane] = min(max(values[feature, lane], -MAX_VALUE), MAX_VALUE)
 
 
 @inner_kernel
@@ -137,7 +138,11 @@ def _write_distances(
     copy_rows(buffers.radii, count, work)
     sort(work, SORT_MOST)
     # Ranks of a sorted list: the upper of two in the middle.
-    half, dense, twentieth = count // 2, min(DENSE, count - 1), min(SOME, count) - 1
+    half, dense, twentieth = (
+        count // 2,
+        min(DENSE_RANK, count - 1),
+        min(FEWER_NEIGHBOURS, count) - 1,
+    )
     for lane in range(len(scale)):
         s = scale[lane] = work[half, lane] + LEAST
         own = near.radius[points[lane]]
@@ -174,7 +179,7 @@ def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
             before[lane] = joined if longer else before[lane]
             longest[lane] = edge if longer else longest[lane]
             apart = min(group[lane], float(joined))
-            group[lane] = apart if edge > GAP * scale[lane] else group[lane]
+            group[lane] = apart if edge > GROUP_GAP * scale[lane] else group[lane]
         _take_out(offset, count - joined - 1, x, y, z, reach, best)
     for lane in range(len(scale)):
         values[ROW.first_edge, lane] = first[lane] / scale[lane]
@@ -238,13 +243,13 @@ def _write_planes(count: int, row: int, buffers: FarBuffers, values: Singles) ->
 def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Write how many neighbours are higher, and where the point is between opposite ones."""
     offset, work, scale = buffers.offset, buffers.work, buffers.scale
-    higher, low, high = work[SOME], work[MOST - 2], work[MOST - 1]
+    higher, low, high = work[FEWER_NEIGHBOURS], work[MAX_NEIGHBOURS - 2], work[MAX_NEIGHBOURS - 1]
     for lane in range(len(scale)):
         higher[lane] = 0.0
     for m in range(count):
         for lane in range(len(scale)):
             higher[lane] += offset[2, m, lane] > 0
-    write_between(offset, min(SOME, count), work)
+    write_between(offset, min(FEWER_NEIGHBOURS, count), work)
     for lane in range(len(scale)):
         s = scale[lane]
         values[ROW.higher, lane] = higher[lane] / count

@@ -28,12 +28,14 @@ SMOOTH = 0.01  # of s: less is not expected of any surface
 TABLE = 1024  # slots for the points that two steps reach, a power of 2: few of them meet
 MARK = 1 << 32  # more than there are points
 LARGEST_COMPONENT = 61  # points: so many are no group
-ROOM = LARGEST_COMPONENT + 1 + K + K * K  # points that are found before the steps end, at most
-FAR = 1e6  # features are at most so large
+MAX_REACHED = (
+    LARGEST_COMPONENT + 1 + K + K * K
+)  # points that are found before the steps end, at most
+MAX_VALUE = 1e6  # features are at most so large
 SORT = network(K, range(K))
 
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
-EVEN = 0.02  # of s: heights differ so much on any surface
+EVEN_HEIGHTS = 0.02  # of s: heights differ so much on any surface
 OPPOSITE = -0.8  # cosine of the angle between neighbours, at most
 
 COUNT, ROW = len(NEAR), rows(NEAR)
@@ -57,7 +59,7 @@ class Near(NamedTuple):
     """
 
     xyz: Floats
-    index: Index  # type: ignore[assignment]  # nobody misses that of tuples
+    index: Index  # type: ignore[assignment]  # hides the method of tuples
     radius: Floats
     around: Floor
     is_large: Bools
@@ -77,7 +79,7 @@ class NearBuffers(NamedTuple):
     work : (K, LANES) float64
     moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
         Of a plane.
-    reached : (ROOM,) int64
+    reached : (MAX_REACHED,) int64
         Points that steps lead to, in the order in which they were found.
     table : (TABLE + 1,) int64
         The last is the mark of the latest count.
@@ -106,7 +108,7 @@ def make_buffers() -> NearBuffers:
         np.empty((3, K, LANES)),
         *(lists[0], lists[1], lists[2]),
         *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
-        *(np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
+        *(np.empty(MAX_REACHED, np.int64), np.zeros(TABLE + 1, np.int64)),
     )
 
 
@@ -147,7 +149,7 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
         values[ROW.level, lane] = abs(buffers.vector[2, lane])
     for feature in range(COUNT):
         for lane in range(len(buffers.scale)):
-            values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
+            values[feature, lane] = min(max(values[feature, lane], -MAX_VALUE), MAX_VALUE)
 
 
 @inner_kernel
@@ -213,7 +215,7 @@ def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> 
     """Append the neighbours of a point that were not reached before; return the new count."""
     for m in range(K):
         o = near.index[one, m]
-        # Without a branch: nobody can predict which points are new.
+        # Without a branch, which a processor could not predict.
         buffers.reached[count] = o
         count += _put(buffers.table, mark, mark + o)
     return count
@@ -312,13 +314,13 @@ def write_heights(
         low, high, s = work[0, lane], work[count - 1, lane], scale[lane]
         next_low, next_high = work[quarter, lane], work[count - 1 - quarter, lane]
         values[row, lane], values[row + 1, lane] = low / s, -high / s
-        values[sunk, lane] = low / (next_low - low + EVEN * s)
-        values[sunk + 1, lane] = -high / (high - next_high + EVEN * s)
+        values[sunk, lane] = low / (next_low - low + EVEN_HEIGHTS * s)
+        values[sunk + 1, lane] = -high / (high - next_high + EVEN_HEIGHTS * s)
 
 
 @inner_kernel
 def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[float, float]:
-    """Return how far a point is from the plane, or line, and how far its neighbours are from it."""
+    """Return the distances of a point and of its neighbours (rms) from their plane, or line."""
     x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
     along = x * vector[0, lane] + y * vector[1, lane] + z * vector[2, lane]
     across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))

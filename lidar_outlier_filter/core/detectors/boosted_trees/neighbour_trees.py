@@ -3,9 +3,9 @@
 """Clouds without scan lines, judged by trees on the neighbours of each point.
 
 The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
-good, the second trees see the sixty nearest, and what the first say of these. So the wide search,
-which takes long, is for few points. What is said of a point depends on what is near it, and on the
-floor of the whole cloud. Points at one place are judged as one: neighbours are at other places.
+good, the second trees see the sixty nearest, and the first log-odds of these. So the wide search,
+which takes long, is for few points. A verdict depends on the neighbours of a point, and on the
+floor of the whole cloud. Coincident points are judged as one: neighbours are at other places.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import far_features, near_features
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far, write_far
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import (
+    MAX_NEIGHBOURS,
+    Far,
+    write_far,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     Near,
     write_large_components,
@@ -136,7 +140,7 @@ def second_odds(
 ) -> Singles:
     """Return the log-odds of some points (M,) by the second trees."""
     odds = np.empty(len(which), np.float32)
-    far = Far(near, first, hood.nearest_of(which, min(MOST, len(hood) - 1)))
+    far = Far(near, first, hood.nearest_of(which, min(MAX_NEIGHBOURS, len(hood) - 1)))
     pool.run(
         lambda i, j: _again(far, trees, which, i, j, odds, NO_VALUES),
         *(len(which), AT_ONCE // 8, hood.threads),

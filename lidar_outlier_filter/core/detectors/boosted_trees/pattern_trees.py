@@ -175,11 +175,11 @@ def _run(
     odds: Singles,
     values: Singles = np.empty((0, 0), np.float32),  # noqa: B008  nothing is written
 ) -> None:
-    """Write the log-odds (M,) of the asked places (M,), and where they have rows their features."""
+    """Write the log-odds (M,) of the asked places (M,); features where ``values`` has rows."""
     pattern, profile, second = prepared.pattern, prepared.profile, first is not None
     given = first or NO_FIRST_PASS
     column = np.cumsum(asked) - 1 if len(values) > 0 else np.empty(0, np.int64)
-    # Of the first pass all places are asked, which takes long.
+    # The first pass judges all places, which takes long.
     at_once = lines_at_once(len(pattern.first), len(odds)) if second else LINES_AT_ONCE
     pool.run(
         lambda i, j: _judge(
@@ -203,9 +203,9 @@ def _judge(
     odds: Singles,
     values: Singles,
 ) -> None:
-    """Write what trees say of the asked points of lines begin to end; their features in columns."""
-    # It takes seconds to compile: the compiler optimizes all that gathers windows, writes features
-    # and adds trees up once more, in this one place.
+    """Write the log-odds of the asked points of lines begin to end, and their features."""
+    # The only place that gathers windows, writes features and adds trees up: each further one would
+    # take seconds to compile.
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
     places = room.window.places
     for line in range(begin, end):
@@ -284,14 +284,14 @@ def strongest_of_trees(
     wanted: Bools,
     threads: int = 0,
 ) -> Bytes:
-    """Return the numbers (M,) of the features that add most to the log-odds of wanted places.
+    """Return the number (M,) of the feature that adds most to the log-odds of each wanted place.
 
     Parameters
     ----------
     prepared : the pattern that was judged
-    first : what its first pass gave
-    model : that judged it
-    wanted : (M,) the places to explain; others have 0
+    first : the result of the first pass
+    model : the model of the pattern
+    wanted : (M,) bool, places to explain; others have 0
     threads : at most so many at once; 0 for as many as there are cores
 
     """
@@ -309,9 +309,9 @@ def strongest_of_trees(
 
 
 def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
-    """Return the number of the feature that adds most to each of W points; 0: none can be a reason.
+    """Return the number (W,) of the feature that adds most to each point; 0 where there is none.
 
-    What adds nothing cannot: trees did not ask about it, or it made no difference.
+    A feature that adds nothing is no reason: no tree asked about it, or it made no difference.
     """
     added = contribute(trees, values)
     added[(numbers == 0)[:, None] | (added == 0)] = -np.inf

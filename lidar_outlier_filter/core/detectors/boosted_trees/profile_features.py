@@ -1,17 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What only a profile scanner's window says of a point: predictions by pairs, and its group.
+"""Features of profile scanners alone: predictions by pairs of returns, and free groups.
 
 Two returns of the window that lie opposite each other predict the range between them: those as many
 places before and after in the line, and those of lines before and after. On a surface all pairs
 agree, and so do all about a point that is off it.
 
-Returns that follow each other closely are a segment of their line. Segments of more than ``LARGE``
-returns are surfaces. Smaller ones that are close to each other on lines beside are a group, and a
-group is free unless it is close to a surface. An arm that moves while the scanner passes is such a
-group, straight and slanted; a pole stands on the road, and upright. z must be up. Returns are
-joined twice: widely, so that a group stays whole, and narrowly, so that it comes free of a car that
-it nearly touches.
+Returns that follow each other closely are a segment of their line. Segments of more than
+``MAX_SEGMENT`` returns are surfaces. Smaller ones that are close to each other on neighbouring
+lines are a group, and a group is free unless it is close to a surface. An arm that moves while the
+scanner passes is such a group, straight and slanted; a pole stands on the road, and upright. z must
+be up. Returns are joined twice: widely, so that a group stays whole, and narrowly, so that a group
+separates from a car that it nearly touches.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
     FAR,
     HALF,
-    MOST,
+    MAX_VALUE,
     ONE,
     OTHER,
     OWN,
@@ -60,14 +60,14 @@ if TYPE_CHECKING:
 
 ROW = rows(PROFILE, COUNT)
 PAIRS = OWN + RINGS * AROUND
-RIGHT = F(3.5)  # standard deviations up to which a pair is right
+MAX_OFF_SIGMAS = F(3.5)  # standard deviations up to which a pair is right
 MISSING = F(1e6)  # behind all others
 ALL = network(PAIRS, range(PAIRS))
 GROUPS = tuple(name for name in PROFILE if name.startswith('group'))
 REACHES = (4.0, 1.6)  # × what beams are apart: up to which returns are joined
-LARGE = 40  # returns of a segment: more are a surface
-SMALLEST = 6  # returns of a group
-NONE = np.float32(-1.0)
+MAX_SEGMENT = 40  # returns of a segment: more are a surface
+MIN_GROUP_RETURNS = 6  # returns of a group
+NO_GROUP = np.float32(-1.0)
 UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
 TINY = 1e-12  # m²
 
@@ -87,7 +87,7 @@ def write_profile(
 
 @apart_kernel
 def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
-    """Write what is said of the groups of points."""
+    """Write the features of the groups of points."""
     for row in range(len(groups)):
         for lane in range(len(places)):
             values[ROW.group + row, lane] = groups[row, places[lane]]
@@ -95,7 +95,7 @@ def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
 
 @apart_kernel
 def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
-    """Write what pairs of the line predict more than the range, standard deviations, plus MOST."""
+    """Write by how much pairs of the line predict a longer range, in σ, plus ``MAX_VALUE``."""
     square, mine, own = window.square, window.mine, window.own
     sigma = HALF * pattern.noise[line]
     for m in range(OWN):
@@ -109,7 +109,7 @@ def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Sing
             value = (ONE - part) / before[lane] + part / after[lane]
             # Of a plane, the inverse range is a sine: between two others it is more than a line.
             off = (r * value - ONE - HALF * pa * pb) * r / sigma
-            row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
+            row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
 
 
 @apart_kernel
@@ -128,7 +128,7 @@ def _predict_other(pattern: Pattern, line: int, window: PatternWindow, pairs: Si
                 good = (square[a, lane] < FAR) & (square[b, lane] < FAR)
                 value = HALF / (r + away[a, lane]) + HALF / (r + away[b, lane])
                 off = (r * value - ONE + curved) * r / sigma
-                row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
+                row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
 
 
 @apart_kernel
@@ -138,19 +138,19 @@ def _write_right(pairs: Singles, row: Singles) -> None:
         right = count = ZERO
         for m in range(len(pairs)):
             count += ONE if pairs[m, lane] < MISSING else ZERO
-            right += ONE if abs(pairs[m, lane] - MOST) < RIGHT else ZERO
+            right += ONE if abs(pairs[m, lane] - MAX_VALUE) < MAX_OFF_SIGMAS else ZERO
         row[lane] = right / count if count > ZERO else -ONE
 
 
 @apart_kernel
 def _write_median(pairs: Singles, row: Singles) -> None:
-    """Write the median of those that are there, sorted, less MOST; 0 for none."""
+    """Write the median of the valid pairs, which are sorted, less ``MAX_VALUE``; 0 for none."""
     for lane in range(len(row)):
         count = 0
         for m in range(len(pairs)):
             count += pairs[m, lane] < MISSING
         low, high = pairs[max(count - 1, 0) // 2, lane], pairs[count // 2, lane]
-        row[lane] = (low + high) / TWO - MOST if count > 0 else ZERO
+        row[lane] = (low + high) / TWO - MAX_VALUE if count > 0 else ZERO
 
 
 class Segments(NamedTuple):
@@ -184,7 +184,7 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
         Of ``GROUPS``; of the wide group, where there is one.
 
     """
-    out = np.full((len(GROUPS), len(pattern.order)), NONE)
+    out = np.full((len(GROUPS), len(pattern.order)), NO_GROUP)
 
     def find(n: int, _end: int) -> tuple[Ints, Singles]:
         segments = find_segments(pattern, REACHES[n])
@@ -230,9 +230,9 @@ def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Ind
     while (root[root] != root).any():
         root = root[root]
     size = np.bincount(root, segments.size, len(root))
-    held = np.bincount(root, tied | (segments.size > LARGE), len(root)) > 0
+    held = np.bincount(root, tied | (segments.size > MAX_SEGMENT), len(root)) > 0
     # The first segment of a group is its root.
-    free = (root == np.arange(len(root))) & ~held & (size >= SMALLEST)
+    free = (root == np.arange(len(root))) & ~held & (size >= MIN_GROUP_RETURNS)
     number = np.full(len(root), -1, np.int32)
     number[free] = np.arange(np.count_nonzero(free))
     return number[root]
@@ -247,7 +247,7 @@ def _tie(
     root, tied = np.arange(len(size)), np.zeros(len(size), np.bool_)
     for line in range(len(pattern.first)):
         for k in range(pattern.first[line], pattern.last[line]):
-            if size[of[k]] > LARGE:
+            if size[of[k]] > MAX_SEGMENT:
                 continue
             for ring in range(2 * RINGS):
                 for m in range(-OTHER, OTHER + 1):
@@ -255,7 +255,7 @@ def _tie(
                     # Most are joined already, which is seen faster than measured.
                     if of[j] < 0 or root[of[j]] == root[of[k]]:
                         continue
-                    large = size[of[j]] > LARGE
+                    large = size[of[j]] > MAX_SEGMENT
                     if (large and tied[of[k]]) or not _is_close(pattern, line, k, j, reach):
                         continue
                     if large:

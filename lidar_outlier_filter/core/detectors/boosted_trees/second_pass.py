@@ -71,7 +71,7 @@ class FirstPass(NamedTuple):
 
 
 _NONE = np.empty(0, np.float32)
-NO_FIRST_PASS = FirstPass(_NONE, np.empty(0, np.int32), _NONE, 0.0)  # nothing looks at it
+NO_FIRST_PASS = FirstPass(_NONE, np.empty(0, np.int32), _NONE, 0.0)  # of the first pass itself
 
 
 @kernel
@@ -105,7 +105,7 @@ def write_scores(
 ) -> None:
     """Write the features of the first pass, behind the others, of gathered windows.
 
-    The window's ``side`` is used up.
+    The window's ``side`` is overwritten.
     """
     total, places = window.side[:ROWS], window.places
     _sum_scores(pattern, first.score, line, window, total)

@@ -28,7 +28,7 @@ SIZE = 2 * OWN + 2 * RINGS * AROUND  # returns of a window
 QUANTITIES = 5  # of a return: x, y, z, range, phase
 RANGE, PHASE = 3, 4  # the rows of ranges and phases among them
 OWN_RANGES, OWN_PHASES = 2 * OWN * RANGE, 2 * OWN * PHASE  # the same of the own ring's returns
-NEAR = 5  # nearest distances that are kept in order
+KEPT_NEAREST = 5  # nearest distances that are kept in order
 # Rows of the sums; of the pairs, one of the own ring and one of the others.
 _PAIRS = ('there', 'before', 'behind', 'level', 'rough', 'rough_count')
 _SUMS = (
@@ -39,8 +39,8 @@ SUM = rows(_SUMS)
 # Constants of single precision: a number of Python's would make doubles of all it meets.
 F = np.float32
 REACH_OWN, REACH_OTHER = F(10.0), F(6.0)  # steps from the azimuth up to which returns count
-FAR = F(1e12)  # m²: nothing is there
-MOST = F(1000.0)  # of a feature
+FAR = F(1e12)  # m²: no return
+MAX_VALUE = F(1000.0)  # of a feature
 ZERO, HALF, ONE, TWO = F(0.0), F(0.5), F(1.0), F(2.0)
 
 
@@ -85,7 +85,7 @@ class PatternWindow(NamedTuple):
     own, side : (10 * OWN, LANES), (5 * AROUND, LANES) float32
         x, y, z and range of the returns of the points' own ring, and of those of one other ring,
         and their phases less those of the points.
-    best : (NEAR, LANES) float32
+    best : (KEPT_NEAREST, LANES) float32
         The least squared distances, ascending, m².
     sums : (SUMS, LANES) float32
     inverse : (2 * RINGS, LANES) float32
@@ -123,7 +123,7 @@ def make_window() -> PatternWindow:
         np.empty(LANES, np.float32),
         rows_of_singles(2 * OWN * QUANTITIES),
         rows_of_singles(AROUND * QUANTITIES),
-        rows_of_singles(NEAR),
+        rows_of_singles(KEPT_NEAREST),
         rows_of_singles(len(_SUMS)),
         rows_of_singles(2 * RINGS),
         np.empty(LANES),
@@ -161,7 +161,7 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
             before, span = F(phase[k] - phase[k - 1]), F(phase[k + 1] - phase[k - 1])
             part = before / span if span > ZERO else HALF
             value = (ONE - part) / reach[k - 1] + part / reach[k + 1]
-            rough[k] = min(abs(ONE - reach[k] * value) / (step + noise / reach[k]), MOST)
+            rough[k] = min(abs(ONE - reach[k] * value) / (step + noise / reach[k]), MAX_VALUE)
 
 
 @kernel
@@ -195,7 +195,7 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
 def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
     """Write the windows of the points of a line that are at the window's places.
 
-    Distances, ranges, inverse ranges and the sums of what is there, and how rough it is.
+    Distances, ranges, inverse ranges, and sums of the returns and their roughness.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
     pattern, rough, near, _ = prepared
@@ -232,7 +232,7 @@ def _gather_own(
     step: Single,
     window: PatternWindow,
 ) -> None:
-    """Look at the points, and at the returns before and after them."""
+    """Gather the points, and the returns before and after them."""
     square, mine, own, sums = window.square, window.mine, window.own, window.sums
     origin, places, side = window.origin, window.places, window.side
     in_step = _is_in_step(places)
@@ -266,7 +266,7 @@ def _gather_other(
     unit: Single,
     window: PatternWindow,
 ) -> None:
-    """Look at the returns around the azimuth in another ring."""
+    """Gather the returns around the azimuth in another ring."""
     side, others = window.side, window.others[ring]
     in_step = _is_in_step(others)
     begin, most, there = 2 * OWN + ring * AROUND, REACH_OTHER * unit, window.sums[SUM.there_other]

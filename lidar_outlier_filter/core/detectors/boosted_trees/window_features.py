@@ -15,8 +15,8 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     FAR,
-    MOST,
-    NEAR,
+    KEPT_NEAREST,
+    MAX_VALUE,
     ONE,
     OWN,
     OWN_PHASES,
@@ -92,15 +92,15 @@ def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
         for lane in range(width(square)):
             # One after the other finds its rank; what is larger goes on.
             value = square[slot, lane]
-            for rank in range(NEAR - 1):
+            for rank in range(KEPT_NEAREST - 1):
                 a = best[rank, lane]
                 best[rank, lane], value = min(a, value), max(a, value)
-            best[NEAR - 1, lane] = min(best[NEAR - 1, lane], value)
+            best[KEPT_NEAREST - 1, lane] = min(best[KEPT_NEAREST - 1, lane], value)
 
 
 @apart_kernel
 def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
-    """Write what three predictions along the ring say of the range."""
+    """Write how far the range is from three predictions along the ring."""
     step, noise = pattern.step[line], pattern.noise[line]
     r0, reach, phase = window.mine[RANGE], window.own[OWN_RANGES:], window.own[OWN_PHASES:]
     ra, pa, rc, pc = reach[OWN - 1], phase[OWN - 1], reach[OWN - 2], phase[OWN - 2]
@@ -113,9 +113,9 @@ def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) 
         after = _off(r, rb[lane], b, rd[lane], pd[lane], most)
         least = min(middle, before, after)
         unit = step + noise / r
-        values[ROW.along, lane] = min(least / unit, MOST)
-        values[ROW.along_m, lane] = min(least * r, MOST)
-        values[ROW.between, lane] = min(middle / unit, MOST)
+        values[ROW.along, lane] = min(least / unit, MAX_VALUE)
+        values[ROW.along_m, lane] = min(least * r, MAX_VALUE)
+        values[ROW.between, lane] = min(middle / unit, MAX_VALUE)
 
 
 @apart_kernel
@@ -130,8 +130,8 @@ def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single
     value = (ONE - part) / ra + part / rb
     # What the noise of both adds is taken off.
     size = np.sqrt(ONE + (ONE - part) * (ONE - part) + part * part)
-    off = min(abs(ONE - r * value) / size, MOST)
-    return off if good else MOST
+    off = min(abs(ONE - r * value) / size, MAX_VALUE)
+    return off if good else MAX_VALUE
 
 
 @apart_kernel
@@ -144,14 +144,14 @@ def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singl
         mine = reach[lane]
         own_unit, unit = mine * step + noise, mine * gap + apart
         a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
-        values[ROW.step, lane] = min(min(a, b) / own_unit, MOST)
-        values[ROW.leap, lane] = min(max(a, b) / own_unit, MOST)
-        values[ROW.beside, lane] = min(np.sqrt(sums[SUM.nearest_other, lane]) / unit, MOST)
+        values[ROW.step, lane] = min(min(a, b) / own_unit, MAX_VALUE)
+        values[ROW.leap, lane] = min(max(a, b) / own_unit, MAX_VALUE)
+        values[ROW.beside, lane] = min(np.sqrt(sums[SUM.nearest_other, lane]) / unit, MAX_VALUE)
         three = np.sqrt(best[0, lane]) + np.sqrt(best[1, lane]) + np.sqrt(best[2, lane])
         five = three + np.sqrt(best[3, lane]) + np.sqrt(best[4, lane])
-        values[ROW.near3, lane] = min(three / (THREE * unit), MOST)
-        values[ROW.near5, lane] = min(five / (FIVE * unit), MOST)
-        values[ROW.near5_m, lane] = min(five / FIVE, MOST)
+        values[ROW.near3, lane] = min(three / (THREE * unit), MAX_VALUE)
+        values[ROW.near5, lane] = min(five / (FIVE * unit), MAX_VALUE)
+        values[ROW.near5_m, lane] = min(five / FIVE, MAX_VALUE)
 
 
 @apart_kernel
@@ -193,9 +193,9 @@ def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles)
         # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
         a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
         between = abs(ONE - mine * ((ONE - part) * b + part * c))
-        between = between if (b > ZERO) & (c > ZERO) else MOST
+        between = between if (b > ZERO) & (c > ZERO) else MAX_VALUE
         below = abs(ONE - mine * ((ONE + low) * b - low * a)) / (ONE + low)
-        below = below if (a > ZERO) & (b > ZERO) else MOST
+        below = below if (a > ZERO) & (b > ZERO) else MAX_VALUE
         above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
-        above = above if (c > ZERO) & (d > ZERO) else MOST
-        values[ROW.across, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)
+        above = above if (c > ZERO) & (d > ZERO) else MAX_VALUE
+        values[ROW.across, lane] = min(min(between, below, above) / (gap + noise / mine), MAX_VALUE)

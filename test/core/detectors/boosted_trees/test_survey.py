@@ -12,7 +12,7 @@ from naive import survey as naive
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
@@ -107,7 +107,7 @@ def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[n
     near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
     first = survey.near_values(near, which)
     odds = survey.first_odds(near, load(SURVEY_MODEL).first)
-    index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
+    index = hood.nearest_of(which, min(MAX_NEIGHBOURS, len(xyz) - 1))
     every = survey.far_values(Far(near, odds, index), which)
     back = np.argsort(hood.order)
     return hood, first[:, back], every[:, back]
