@@ -137,46 +137,31 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     ----------
     xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2
         Positions, metres. Missing returns (NaN, Inf, or all three 0) are kept, and their score is
-        NaN. Of a structured array and of a PointCloud2 the fields x, y and z are read, and those
-        that drivers give time and ring.
+        NaN. The last two bring time, ring and intensity in the fields that drivers give them.
     t : (N,) array, optional
         Time of each point: floats are seconds, integers are nanoseconds.
     line : (N,) array of integers, optional
-        Scan line of each point: the ring of a spinning sensor, or the number of the revolution of a
-        profile scanner.
+        Scan line of each point: a ring, or the number of a profile scanner's revolution.
     intensity : (N,) array, optional
         Intensity of each point, in any unit; NaN where it is not known.
     chain : str or sequence of str, optional
-        The detectors, in their order: ``alpha_beta_gamma``, ``quadric``, ``lof``, ``sor``,
-        ``hierarchical``, ``elevation``, ``boosted_trees``. The first needs ``t`` and ``line``.
-        The last, which is the default, uses them where they are given.
+        Detectors in their order; ``alpha_beta_gamma`` needs ``t`` and ``line``, and
+        ``boosted_trees``, the default, uses them where they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
-        As in ``{'lof.threshold': 1.5}``. What is not named has its default, and what is about
-        the stream (``block``, ``halo``) has no effect.
+        As in ``{'lof.threshold': 1.5}``. Those of a stream (``block``, ``halo``) have no effect.
 
     Returns
     -------
     Verdict
-        ``outlier`` (N,) bool.
-        ``score`` (N,) float32: more than 1 exactly where a detector rejects the point, NaN where
-        none could test it.
-        ``detectors`` (N,) uint16: the sum of those that reject it, of 1 alpha_beta_gamma,
-        2 quadric, 4 lof, 8 sor, 16 hierarchical, 32 elevation, 64 boosted_trees.
-        All are in the order of the points, row by row.
+        In the order of the points, row by row: ``outlier`` (N,) bool; ``score`` (N,) float32, more
+        than 1 where a detector rejects the point, NaN where none could test it; ``detectors`` (N,)
+        uint16, the sum of those that reject it: 1 alpha_beta_gamma, 2 quadric, 4 lof, 8 sor,
+        16 hierarchical, 32 elevation, 64 boosted_trees.
 
     Raises
     ------
-    CloudError
-        If an array has a shape, a type or a value that makes no sense.
-    ParameterError
-        If a parameter or a detector is unknown, a value makes no sense, or the chain needs scan
-        lines that the cloud has not.
     FilterError
-        If coordinates are so large that their squares are not finite.
-
-    See Also
-    --------
-    lidar_outlier_filter.CloudFilter : the same for a stream of clouds
+        If an array or a parameter is invalid, or the chain needs scan lines that are not given.
 
     Examples
     --------
@@ -185,64 +170,42 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6  # a bird above a floor
-    >>> xyz[78] = np.nan  # a missing return
-    >>> verdict = detect_outliers(xyz)
-    >>> verdict.outlier[[76, 77, 78]].tolist()
-    [False, True, False]
-    >>> verdict.score[[76, 77, 78]].round(1)
-    array([0. , 1.5, nan], dtype=float32)
-
-    One detector alone, with a parameter of its own:
-
-    >>> verdict = detect_outliers(xyz, chain=['lof'], parameters={'lof.threshold': 2.0})
-    >>> np.flatnonzero(verdict.outlier).tolist()
-    [77]
-
-    Detectors along scan lines need times and lines:
-
-    >>> t = np.arange(900) * 50_000  # nanoseconds
-    >>> verdict = detect_outliers(xyz, t=t, line=x.astype(int), chain=['alpha_beta_gamma'])
+    >>> verdict = detect_outliers(xyz, chain='lof', parameters={'lof.threshold': 2.0})
     >>> np.flatnonzero(verdict.outlier).tolist()
     [77]
 
     """
     settings = gather(parameters, chain)
-    if (isinstance(xyz, np.ndarray) and xyz.dtype.names is not None) or hasattr(xyz, 'fields'):
-        for name, values in (('t', t), ('line', line), ('intensity', intensity)):
-            if values is not None:
-                raise CloudError(name, 'a field of a cloud that has fields', 'an array beside it')
-        points, lack = _read(xyz, settings)
-    else:
-        points, lack = _points(xyz, t, line, intensity, settings)
+    points, lack = _read(xyz, {'t': t, 'line': line, 'intensity': intensity}, settings)
     if lack:
         check_chain(settings.chain, 'the cloud', lack)
         nothing = np.zeros(len(points), np.int64)
-        points = replace(points, t=nothing, line=nothing)
-        points = with_rings(points, settings)
+        points = with_rings(replace(points, t=nothing, line=nothing), settings)
     return judge_whole(points, settings)
 
 
-def _read(cloud: Any, parameters: FilterParameters) -> tuple[Points, str]:
-    """Read the points of a cloud with fields; say what it lacks to have scan lines."""
+def _read(
+    cloud: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
+) -> tuple[Points, str]:
+    """Read the points of a cloud; say what it lacks to have scan lines."""
     is_array = isinstance(cloud, np.ndarray)
+    if not hasattr(cloud, 'fields') and not (is_array and cloud.dtype.names is not None):
+        return _points(cloud, columns, parameters)
+    for name, values in columns.items():
+        if values is not None:
+            raise CloudError(name, 'a field of a cloud that has fields', 'an array beside it')
     decoder = Decoder(parameters)
     # What times count from does not matter within one cloud.
     points = decoder.decode(as_message(cloud, 0 if is_array else None))
     found = decoder.convention
     if found is None:
         return points, ''
-    if found.time_field is None:
-        return points, NO_TIME
     by_message = found.line_source == 'message' and parameters.line_source == 'auto'
-    return points, NO_LINES if by_message else ''
+    return points, NO_TIME if found.time_field is None else NO_LINES if by_message else ''
 
 
 def _points(
-    xyz: Any,
-    t: ArrayLike | None,
-    line: ArrayLike | None,
-    intensity: ArrayLike | None,
-    parameters: FilterParameters,
+    xyz: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
 ) -> tuple[Points, str]:
     """Make points of plain arrays; say what they lack to have scan lines."""
     for name in FIELDS:
@@ -254,23 +217,23 @@ def _points(
     if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', given.shape)
     xyz, count = np.ascontiguousarray(given, np.float64), len(given)
-    valid = is_return(xyz)
-    zeros = np.zeros(count, np.int64)
-    time, number = zeros, zeros
-    if t is not None:
-        column = _column('t', t, 'iuf', count)
-        time = to_nanoseconds(column, valid, 's' if column.dtype.kind == 'f' else 'ns')
-    if line is not None:
-        column = _column('line', line, 'iu', count)
-        number = column.astype(np.int64)
-    bright = None
-    if intensity is not None:
-        bright = _column('intensity', intensity, 'iuf', count).astype(np.float32)
-    lack = NO_TIME if t is None else NO_LINES if line is None else ''
+    t, line, intensity = (
+        None if values is None else _column(name, values, 'iu' if name == 'line' else 'iuf', count)
+        for name, values in columns.items()
+    )
     mask = mask_of(parameters)
     if mask is not None and line is None:
         raise CloudError('line', 'given, the ring of each point, where there is a mask', 'none')
-    points = Points(xyz, time, number, valid, intensity=bright)
+    valid, none = is_return(xyz), np.zeros(count, np.int64)
+    unit = 's' if t is not None and t.dtype.kind == 'f' else 'ns'
+    points = Points(
+        xyz,
+        none if t is None else to_nanoseconds(t, valid, unit),
+        none if line is None else line.astype(np.int64),
+        valid,
+        intensity=None if intensity is None else intensity.astype(np.float32),
+    )
+    lack = NO_TIME if t is None else NO_LINES if line is None else ''
     return masked(points, mask, parameters), lack
 
 

@@ -20,7 +20,7 @@ from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher
-from lidar_outlier_filter.ros.health import Backlog, Health, LossWarning, Report
+from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import DelayClock, Worker
 
@@ -57,7 +57,6 @@ class Channel:
         self.topic = topic
         self.resolved: str = node.resolve_topic_name(topic)
         self.health = Health(get_rmw_implementation_identifier())
-        self._losses = LossWarning(self.health.advice)
         self._node = node
         self._log = node.get_logger()
         self._parameters = parameters
@@ -103,10 +102,6 @@ class Channel:
     def show(self, look: Show) -> None:
         """Hand each cloud that is judged from now on to a function, in the filter's thread."""
         self._filter.show.append(partial(look, self.resolved))
-
-    def enable(self, *, on: bool) -> None:
-        """Filter the clouds that come from now on, or let them pass as they are."""
-        self.worker.enable(on=on)
 
     def sample(self, seconds: float) -> Report:
         """Report what became of the clouds in the seconds since the last look."""
@@ -166,7 +161,7 @@ class Channel:
     def _warn_of_losses(self, seconds: float) -> None:
         """Warn of what was not filtered as asked, where it is time to: seconds since last asked."""
         policy = self._parameters.load.policy
-        if warning := self._losses.sample(self.health.losses(), policy, seconds):
+        if warning := self.health.loss_warning(policy, seconds):
             self._log_warning(warning)
 
     def _log_refusal(self, err: CloudError) -> None:
@@ -228,7 +223,7 @@ class CloudReceiver:
     def take(self, data: bytes) -> None:
         """Put a serialised cloud into the inbox."""
         self._worker.raise_failure()
-        self._health.dropped(self._worker.inbox.put(self._noted(data)))
+        self._health.missed(DROPPED, self._worker.inbox.put(self._noted(data)))
 
     def _subscribe(
         self, kind: type, name: str, receive: Callable[[Any], object], depth: int, **options: Any
@@ -264,4 +259,4 @@ class CloudReceiver:
             self._worker.inbox.wake()
 
     def _lost(self, event: Any) -> None:
-        self._health.lost(event.total_count_change)
+        self._health.missed(LOST, event.total_count_change)

@@ -18,7 +18,7 @@ from lidar_outlier_filter.parameters.node import ERROR_LIMITS
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.parameters.node import HealthLimits
@@ -33,38 +33,10 @@ PROFILES = {
 LOSS_PERIOD = 5.0  # seconds between two warnings
 LOST, DROPPED, PASSED = 'lost on the way', 'dropped', 'passed unfiltered'
 DEGRADED, WITHOUT_POSE = 'filtered by the smoother alone', 'judged without poses'
+# Of the counts since the start, those without a reason of their own.
+COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
+COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
 BY_POLICY = {DROPPED, PASSED, DEGRADED}  # load.policy decides these
-
-
-class LossWarning:
-    """Sums up losses, and warns of them at a bounded rate; no loss is left out."""
-
-    def __init__(self, advice: str = '') -> None:
-        """Begin with nothing lost; ``advice`` says what helps against losses on the way."""
-        self._advice = advice
-        self._said: Counter[str] = Counter()
-        self._quiet = LOSS_PERIOD  # seconds since the last warning
-
-    def sample(self, lost: Mapping[str, int], policy: str, seconds: float) -> str:
-        """Return the warning that is due; empty where there is none.
-
-        Parameters
-        ----------
-        lost : counts since the start, by what happened
-        policy : ``load.policy``
-        seconds : time since the last look; infinite at the end
-
-        """
-        self._quiet += seconds
-        new = Counter(lost) - self._said
-        if not new or self._quiet < LOSS_PERIOD:
-            return ''
-        self._said, self._quiet = Counter(lost), 0.0
-        counts = ', '.join(f'{count} {what}' for what, count in new.items())
-        reason = '' if BY_POLICY.isdisjoint(new) else f' (load.policy is {policy})'
-        if LOST in new:
-            reason += f'; {self._advice}'
-        return f'clouds not filtered as asked since the last warning: {counts}{reason}'
 
 
 @dataclass
@@ -90,24 +62,13 @@ class Backlog:
     oldest: float = 0.0  # seconds that the oldest of all these has waited
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a look has found: a level, one sentence, values to read and values to plot."""
-
-    level: int
-    message: str
-    values: dict[str, str]
-    plotted: dict[str, float]
-    view: SensorView | None = None  # None: it has seen no cloud
-
-
 class Health:
-    """Takes down what happens, from any thread; says it at each look."""
+    """Notes what happens to clouds, from any thread; reports it at each look."""
 
     def __init__(self, middleware: str = 'rmw_fastrtps_cpp') -> None:
-        """Begin with nothing; what is lost on the way is advised on for this middleware."""
+        """Begin with nothing; the advice against losses is for this middleware."""
         profile = PROFILES.get(middleware)
-        self.advice = (
+        self._advice = (
             f'for large clouds set {profile} for both sides'
             if profile
             else f'doc/large_clouds.md says what helps with large clouds over {middleware}'
@@ -119,6 +80,8 @@ class Health:
         self._missed: Counter[str] = Counter()  # clouds since the start, lost and dropped
         self._missed_before: Counter[str] = Counter()
         self._counts = self._before = Statistics()
+        self._warned: Counter[str] = Counter()  # of the losses
+        self._quiet = LOSS_PERIOD  # seconds since the last warning of losses
 
     def received(self) -> None:
         """Note a cloud that came in."""
@@ -130,15 +93,10 @@ class Health:
         with self._lock:
             self._tally.points += points
 
-    def lost(self, count: int) -> None:
-        """Note clouds that the middleware says it has lost."""
+    def missed(self, what: str, count: int = 1) -> None:
+        """Note clouds that get no answer: ``LOST`` by the middleware, or ``DROPPED``."""
         with self._lock:
-            self._missed[LOST] += count
-
-    def dropped(self, count: int = 1) -> None:
-        """Note clouds that were too many, and get no answer."""
-        with self._lock:
-            self._missed[DROPPED] += count
+            self._missed[what] += count
 
     def answered(self, delay: float, age: float) -> None:
         """Note an answer: seconds since the cloud was received, and since its stamp."""
@@ -166,13 +124,26 @@ class Health:
         """Count the clouds since the start that were not filtered as asked, by what happened."""
         with self._lock:
             counts = self._counts
-            return self._missed + Counter(
-                {
-                    PASSED: counts.bypassed['overload'] + counts.bypassed['failure'],
-                    DEGRADED: counts.degraded,
-                    WITHOUT_POSE: counts.without_pose,
-                }
-            )
+            passed = counts.bypassed['overload'] + counts.bypassed['failure']
+            others = {PASSED: passed, DEGRADED: counts.degraded, WITHOUT_POSE: counts.without_pose}
+            return self._missed + Counter(others)
+
+    def loss_warning(self, policy: str, seconds: float) -> str:
+        """Sum up the losses since the last warning; empty where none is due. No loss is left out.
+
+        ``seconds`` is the time since the last call, infinite at the end; ``policy`` is
+        ``load.policy``.
+        """
+        self._quiet += seconds
+        losses = self.losses()
+        new = losses - self._warned
+        if not new or self._quiet < LOSS_PERIOD:
+            return ''
+        self._warned, self._quiet = losses, 0.0
+        counts = ', '.join(f'{count} {what}' for what, count in new.items())
+        reason = '' if BY_POLICY.isdisjoint(new) else f' (load.policy is {policy})'
+        advice = f'; {self._advice}' if LOST in new else ''
+        return f'clouds not filtered as asked since the last warning: {counts}{reason}{advice}'
 
     def sample(  # noqa: PLR0913  what others know
         self,
@@ -198,15 +169,14 @@ class Health:
         elif since[DROPPED]:
             self._unanswered += seconds
         waits = max(backlog.oldest, self._unanswered)
-        look = _Sample(
-            tally, since, counts, before, seconds, backlog, self._silent, waits, self.advice
+        look = _Look(
+            tally, since, counts, before, seconds, backlog, self._silent, waits, self._advice
         )
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
         if view is not None:
             complaints += [(WARN, text) for text in view.complaints(limits)]
-        level = max((level for level, _ in complaints), default=OK)
         return Report(
-            level,
+            max((level for level, _ in complaints), default=OK),
             '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
             look.values()
             | {'lost': str(self._missed[LOST]), 'dropped': str(self._missed[DROPPED])}
@@ -217,8 +187,19 @@ class Health:
 
 
 @dataclass(frozen=True)
-class _Sample:
-    """One look at what has happened."""
+class Report:
+    """What a look has found: a level, one sentence, values to read and values to plot."""
+
+    level: int
+    message: str
+    values: dict[str, str]
+    plotted: dict[str, float]
+    view: SensorView | None = None  # None: it has seen no cloud
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What is known at a look."""
 
     tally: _Tally
     missed: Counter[str]
@@ -230,65 +211,56 @@ class _Sample:
     waits: float  # seconds that the longest wait for an answer takes already
     advice: str  # where clouds are lost on the way
 
-    @property
-    def refused(self) -> int:
-        return self.now.refused - self.before.refused
+    def since(self, name: str) -> int:
+        """Return by how much a count has grown since the last look."""
+        return int(getattr(self.now, name) - getattr(self.before, name))
 
     @property
     def passed(self) -> int:
+        """Clouds that the filter let pass since the last look."""
         reasons = ('overload', 'failure', 'compiling')
         return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
         """Return the share of the points answered since the last look; 0 of none."""
-        points = self.now.points - self.before.points
-        count: int = getattr(self.now, name) - getattr(self.before, name)
-        return count / points if points else 0.0
+        return self.since(name) / max(self.since('points'), 1)
 
     def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:
         """Return what is above its limit."""
-        tally = self.tally
-        failures = self.now.failures - self.before.failures
-        if failures:
+        if failures := self.since('failures'):
             yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
-        yield from ((WARN, str(slow)) for slow in tally.slow.values())
+        yield from ((WARN, str(slow)) for slow in self.tally.slow.values())
         # Whatever the limits are: delays are those of clouds that have an answer.
         if self.waits > max_delay:
             level = ERROR if self.backlog.oldest > ERROR_LIMITS['delay'] * max_delay else WARN
             yield level, f'no answer for {self.waits:.1f} s, max_delay {max_delay:g} s'
-        delay = _percentiles(tally.delays)[1]
-        missed = Counter({'refused': self.refused}) + self.missed
-        missed[PASSED] = self.passed
-        missed[WITHOUT_POSE] = self.now.without_pose - self.before.without_pose
-        received = tally.clouds + missed[LOST]
+        delay = _percentiles(self.tally.delays)[1]
+        unfiltered, said = self._unfiltered()
+        silence = f'no cloud for {self.silent:.0f} s'
+        if self.backlog.publishers:
+            silence += f', publishers: {self.backlog.publishers} ({self.advice})'
+        late = f'the 95th percentile of the delay is {delay:.2f} s, max_delay {max_delay:g} s'
+        rejected, untested = self.share('outliers'), self.share('untested')
+        for name, value, text in (
+            ('silence', self.silent, silence),
+            ('delay', delay / max_delay, late),
+            ('unfiltered', unfiltered, said),
+            ('rejected', rejected, f'{rejected:.1%} of the points are rejected'),
+            ('untested', untested, f'{untested:.1%} of the points are untested'),
+        ):
+            if value > getattr(limits, f'{name}_warn'):
+                yield ERROR if value > ERROR_LIMITS[name] else WARN, text
+
+    def _unfiltered(self) -> tuple[float, str]:
+        """Return the share of clouds that were not filtered as asked, and a sentence on them."""
+        missed = Counter({'refused': self.since('refused')}) + self.missed
+        missed[PASSED], missed[WITHOUT_POSE] = self.passed, self.since('without_pose')
+        received = self.tally.clouds + missed[LOST]
         counts = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
         said = f'not filtered as asked: {counts}; {received} received or lost'
         if missed[LOST]:
             said += f' ({self.advice})'
-        silence = f'no cloud for {self.silent:.0f} s'
-        if self.backlog.publishers:
-            silence += f', publishers: {self.backlog.publishers} ({self.advice})'
-        for name, value, text in (
-            ('silence', self.silent, silence),
-            (
-                'delay',
-                delay / max_delay,
-                f'the 95th percentile of the delay is {delay:.2f} s, max_delay {max_delay:g} s',
-            ),
-            ('unfiltered', min(missed.total() / max(received, 1), 1.0), said),
-            (
-                'rejected',
-                self.share('outliers'),
-                f'{self.share("outliers"):.1%} of the points are rejected',
-            ),
-            (
-                'untested',
-                self.share('untested'),
-                f'{self.share("untested"):.1%} of the points are untested',
-            ),
-        ):
-            if value > getattr(limits, f'{name}_warn'):
-                yield ERROR if value > ERROR_LIMITS[name] else WARN, text
+        return min(missed.total() / max(received, 1), 1.0), said
 
     def values(self) -> dict[str, str]:
         """Name all: rates and times since the last look, counts since the start."""
@@ -307,19 +279,7 @@ class _Sample:
         ):
             for which, value in zip(('p50', 'p95', 'max'), _percentiles(seconds), strict=True):
                 found[f'{name}, {which}, ms'] = f'{1e3 * value:.1f}'
-        for name in (
-            'messages',
-            'points',
-            'outliers',
-            'untested',
-            'invalid',
-            'dropped',
-            'refused',
-            'degraded',
-            'without_pose',
-            'resets',
-            'failures',
-        ):
+        for name in COUNTS:
             found[name] = str(getattr(now, name))
         for text, counter in (
             ('blocks judged by', now.ways),
@@ -342,7 +302,7 @@ class _Sample:
             'points_per_second': tally.points / self.seconds,
             'rejected_share': self.share('outliers'),
             'untested_share': self.share('untested'),
-            'refused': float(self.refused),
+            'refused': float(self.since('refused')),
             'lost': float(self.missed[LOST]),
             'dropped': float(self.missed[DROPPED]),
             'passed': float(self.passed),

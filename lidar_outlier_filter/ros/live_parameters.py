@@ -28,7 +28,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -73,6 +73,10 @@ class TunableNode(Node):  # type: ignore[misc]
         """The parameters as they were set last."""
         return self._parameters_now
 
+    def set_parameters(self, parameter_list: list[RosParameter]) -> list[SetParametersResult]:
+        """Set each by itself."""
+        return [self.set_parameters_atomically([item]) for item in parameter_list]
+
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
         """Set all or none; refuse in our own words, before rclpy does in words without units.
 
@@ -83,25 +87,35 @@ class TunableNode(Node):  # type: ignore[misc]
             if not self.has_parameter(item.name):
                 must_be = 'one of those that `ros2 param list` names'
                 got = shown(item.name) + did_you_mean([item.name], (one.name for one in describe()))
-                err = ParameterError('a parameter', must_be, got)
-                return SetParametersResult(successful=False, reason=str(err))
+                return _refusal(ParameterError('a parameter', must_be, got))
         given = [item for item in _as_declared(parameter_list) if not self._is_as_it_is(item)]
-        result = self._check_parameters(given)
-        if not result.successful or not given:
-            return result
-        return super().set_parameters_atomically(given)
+        if not given:
+            return SetParametersResult(successful=True)
+        try:
+            changed = self._changed(given)
+        except ParameterError as err:
+            return _refusal(err)
+        result = super().set_parameters_atomically(given)
+        if result.successful and changed != self._parameters_now:
+            before, after = self._parameters_now.flat(), changed.flat()
+            said = (
+                f'{name}: {_to_ros(after[name])}' for name in after if after[name] != before[name]
+            )
+            self.get_logger().info(f'parameters set: {", ".join(said)}')
+            self._parameters_now = changed
+            result.reason = self.apply(changed)
+            if result.reason:
+                self.get_logger().info(result.reason)
+        return result
+
+    def apply(self, parameters: FilterParameters) -> str:
+        """Use changed parameters; return what there is to say of when they are in force."""
+        raise NotImplementedError
 
     def _is_as_it_is(self, item: RosParameter) -> bool:
         """Return whether a read-only parameter is given the value that it has."""
         is_same: bool = _plain(self.get_parameter(item.name).value) == _plain(item.value)
         return is_same and bool(self.describe_parameter(item.name).read_only)
-
-    def _watch_parameters(self, apply: Callable[[FilterParameters], object]) -> None:
-        """Check what is set from now on, and hand what passes to ``apply``."""
-        self._apply = apply
-        self.add_pre_set_parameters_callback(_as_declared)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
 
     def _serve_parameters(self) -> None:
         """Offer to save the parameters, and to put them back."""
@@ -135,26 +149,6 @@ class TunableNode(Node):  # type: ignore[misc]
                 raise ParameterError(name, must_be, repr(value))
         return self._parameters_now.changed(values)
 
-    def _check_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Refuse a set of parameters as a whole, or let it pass; no side effects."""
-        try:
-            self._changed(parameters)
-        except ParameterError as err:
-            return SetParametersResult(successful=False, reason=str(err))
-        return SetParametersResult(successful=True)
-
-    def _apply_parameters(self, parameters: list[RosParameter]) -> None:
-        """Apply what passed; what ROS declares itself, as QoS, changes nothing here."""
-        changed = self._changed(parameters)
-        if changed != self._parameters_now:
-            before, after = self._parameters_now.flat(), changed.flat()
-            said = (
-                f'{name}: {_to_ros(after[name])}' for name in after if after[name] != before[name]
-            )
-            self.get_logger().info(f'parameters set: {", ".join(said)}')
-            self._parameters_now = changed
-            self._apply(changed)
-
     def _save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Write the parameters to a file that ``--params-file`` reads."""
         path = self._file()
@@ -184,12 +178,9 @@ class TunableNode(Node):  # type: ignore[misc]
         """Put every parameter back to what it was at the start."""
         now, first = self._parameters_now.flat(), self._parameters_first.flat()
         changed = [name for name in first if now[name] != first[name]]
-        if changed:
-            values = [RosParameter(name, value=_to_ros(first[name])) for name in changed]
-            result = self.set_parameters_atomically(values)
-            response.success, response.message = result.successful, result.reason
-        else:
-            response.success = True
+        values = [RosParameter(name, value=_to_ros(first[name])) for name in changed]
+        result = self.set_parameters_atomically(values)
+        response.success, response.message = result.successful, result.reason
         if response.success:
             response.message = 'as at the start again: ' + (', '.join(changed) or 'nothing to do')
         return response
@@ -270,6 +261,10 @@ def _write_whole(path: Path, text: str) -> None:
             raise ParameterError('the file', must_be, shown(str(path)))
     with replaced(path) as built:
         built.write_text(SAVED + text, encoding='utf-8')
+
+
+def _refusal(err: ParameterError) -> SetParametersResult:
+    return SetParametersResult(successful=False, reason=str(err))
 
 
 def _to_ros(value: object) -> object:

@@ -32,11 +32,9 @@ from lidar_outlier_filter.ros.live_parameters import TunableNode
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from rcl_interfaces.msg import SetParametersResult
     from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.lifecycle import LifecycleState
-    from rclpy.parameter import Parameter as RosParameter
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.ros.channel import Show
@@ -114,7 +112,6 @@ class OutlierFilterNode(TunableNode):
         self._show: Show | None = None
         if not self.is_managed:
             self.channels = self.make_channels()
-        self._watch_parameters(self.apply)
 
     def make_channels(self) -> tuple[Channel, ...]:
         """Make a way for each input, with its publishers."""
@@ -175,11 +172,6 @@ class OutlierFilterNode(TunableNode):
                     others.callback(channel.finish)
         self._is_started, self.statuses = False, ()
 
-    def rest(self) -> None:
-        """Compile nothing and report nothing until it runs again, once it has finished."""
-        self._compiler.stop()
-        self._diagnostics.end()
-
     def destroy_node(self) -> None:
         """End what runs, and let go of the rest."""
         for channel in self.channels:
@@ -197,20 +189,13 @@ class OutlierFilterNode(TunableNode):
             raise ParameterError('inputs', 'different topics', repr(list(names)))
         return names
 
-    def apply(self, parameters: FilterParameters) -> None:
-        """Filter by these parameters from the next block on, or when their kernels are ready."""
+    def apply(self, parameters: FilterParameters) -> str:
+        """Filter by these from the next block on, or when their kernels are ready; say which."""
         if self._is_started:
             self._compiler.want(parameters)
         else:
             self._take_over(parameters)
-
-    def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
-        """Set all or none; say what answers until then where the kernels are not ready."""
-        result = super().set_parameters_atomically(parameter_list)
-        if result.successful and self._compiler.reply:
-            result.reason = self._compiler.reply
-            self.get_logger().info(result.reason)
-        return result
+        return self._compiler.reply
 
     def _take_over(self, parameters: FilterParameters) -> None:
         """Filter by parameters whose kernels are ready, from the next block on."""
@@ -224,7 +209,7 @@ class OutlierFilterNode(TunableNode):
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         for channel in self.channels:
-            channel.enable(on=request.data)
+            channel.worker.enable(on=request.data)
         response.success = True
         response.message = 'filtering' if request.data else 'clouds pass unfiltered'
         self.get_logger().info(f'enable: {response.message}')
@@ -300,7 +285,8 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     def _pause(self) -> None:
         if self._is_started:
             self.finish()
-            self.rest()
+            self._compiler.stop()
+            self._diagnostics.end()
 
     def _release(self) -> None:
         for channel in self.channels:

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.ros.endpoints import read_cloud
+from lidar_outlier_filter.ros.health import DROPPED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -196,7 +197,7 @@ class Worker:
         began = perf_counter()
         treatment = self._treat(received)
         if treatment is Treatment.DROP and self.ready.is_set():
-            self._health.dropped()
+            self._health.missed(DROPPED)
             return
         try:
             received.msg = read_cloud(received.data)

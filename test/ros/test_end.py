@@ -77,9 +77,9 @@ def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
     channel = node.channels[0]
     go_on = hold_up(node)
     send(ros, node, sensor, 3)
-    channel.enable(on=False)
+    channel.worker.enable(on=False)
     send(ros, node, sensor, 2, first=3)
-    channel.enable(on=True)
+    channel.worker.enable(on=True)
     channel.worker.flush_pending()
     for number in (5, 6):  # not served any more
         sensor.publish(line(0.01 * number), expected=10**9)

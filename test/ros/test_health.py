@@ -12,7 +12,16 @@ from helpers import ROOT
 
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.pipeline.statistics import CountsByReason, Statistics
-from lidar_outlier_filter.ros.health import ERROR, OK, PROFILES, WARN, Backlog, Health
+from lidar_outlier_filter.ros.health import (
+    DROPPED,
+    ERROR,
+    LOST,
+    OK,
+    PROFILES,
+    WARN,
+    Backlog,
+    Health,
+)
 
 NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0
@@ -128,7 +137,7 @@ def test_errors_of_detectors() -> None:
 def test_the_advice_is_for_the_middleware(middleware: str) -> None:
     """What helps with large clouds is a file of the package, for each middleware another."""
     health = Health(middleware)
-    health.lost(1)
+    health.missed(LOST, 1)
     assert f'(for large clouds set {PROFILES[middleware]} for both sides)' in look(health)[1]
     assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
 
@@ -138,8 +147,8 @@ def test_what_is_not_filtered() -> None:
     health = Health()
     for _ in range(6):
         health.received()
-    health.lost(2)
-    health.dropped()
+    health.missed(LOST, 2)
+    health.missed(DROPPED)
     health.answered(0.1, 0.1)
     health.counted(Statistics(bypassed=Counter(overload=1, disabled=5)))
     level, message, values, plotted = look(health)
@@ -154,11 +163,11 @@ def test_what_is_not_filtered() -> None:
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
     for _ in range(2):
         health.received()
-    health.dropped()
+    health.missed(DROPPED)
     health.answered(0.1, 0.1)
     assert look(health)[1] == 'not filtered as asked: 1 dropped; 2 received or lost'
     health.received()
-    health.dropped(2)
+    health.missed(DROPPED, 2)
     assert look(health)[0] == ERROR
 
 
@@ -186,11 +195,11 @@ def test_who_drops_everything_is_not_well() -> None:
     health = Health()
     for number in range(4):
         health.received()
-        health.dropped()
+        health.missed(DROPPED)
         found = health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING)
         assert (found.level == OK) is (number < 2)
     health.answered(0.01, 0.01)
-    health.dropped()
+    health.missed(DROPPED)
     assert health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
 
 

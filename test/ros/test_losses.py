@@ -21,7 +21,6 @@ from lidar_outlier_filter.ros.health import (
     PASSED,
     WITHOUT_POSE,
     Health,
-    LossWarning,
 )
 
 SEEN = st.tuples(
@@ -33,24 +32,27 @@ SEEN = st.tuples(
 
 def test_the_first_loss_is_warned_of_at_once() -> None:
     """With the policy, which says why; nothing lost is nothing said."""
-    warning = LossWarning('advice')
-    assert warning.sample({DROPPED: 0, LOST: 0}, 'drop_oldest', 1.0) == ''
-    assert warning.sample({DROPPED: 3, LOST: 1}, 'drop_oldest', 1.0) == (
+    health = Health()
+    assert health.loss_warning('drop_oldest', 1.0) == ''
+    health.missed(DROPPED, 3)
+    health.missed(LOST, 1)
+    assert health.loss_warning('drop_oldest', 1.0) == (
         'clouds not filtered as asked since the last warning: 3 dropped, 1 lost on the way '
-        '(load.policy is drop_oldest); advice'
+        '(load.policy is drop_oldest); '
+        'for large clouds set config/fastdds_large_clouds.xml for both sides'
     )
 
 
 @given(st.lists(SEEN))
 def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
     """Warnings are apart by the period at least, and their sum is all that was lost."""
-    warning, lost, said = LossWarning(), Counter[str](), Counter[str]()
+    health, lost, said = Health(), Counter[str](), Counter[str]()
     time, times = 0.0, []
     for seconds, what, count in [*seen, (math.inf, DROPPED, 0)]:
         lost[what] += count
+        health.missed(what, count)
         time += seconds
-        text = warning.sample(lost, 'drop_oldest', seconds)
-        if text:
+        if text := health.loss_warning('drop_oldest', seconds):
             times.append(time)
             said += Counter({what: int(count) for count, what in _counts(text)})
     assert said == +lost
@@ -65,8 +67,8 @@ def _counts(text: str) -> list[tuple[str, str]]:
 def test_what_counts() -> None:
     """All that was not filtered in full; not clouds that the user lets pass, nor refused ones."""
     health = Health()
-    health.lost(1)
-    health.dropped(2)
+    health.missed(LOST, 1)
+    health.missed(DROPPED, 2)
     passed = Counter(overload=3, failure=4, disabled=100)
     refused = CountsByReason({'point_step': 100})
     health.counted(Statistics(bypassed=passed, degraded=5, without_pose=6, refusals=refused))
@@ -77,11 +79,3 @@ def test_what_counts() -> None:
         DEGRADED: 5,
         WITHOUT_POSE: 6,
     }
-
-
-def test_losses_on_the_way_come_with_advice() -> None:
-    """The log names the file that helps, as /diagnostics does."""
-    warning = LossWarning(Health().advice)
-    assert warning.sample({LOST: 1}, 'shed', 1.0).endswith(
-        '1 lost on the way; for large clouds set config/fastdds_large_clouds.xml for both sides'
-    )
