@@ -109,7 +109,6 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors import lof
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_filter.core.neighbours.places import find_places
     >>> from lidar_outlier_filter.core.detectors.builtin import Lof
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
