@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 UNUSED = ('share',)
 ROUNDS = (100, 120)  # trees of both ensembles
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
-DOUBTFUL = -1.0  # from which on a point is looked at again
+DOUBTFUL = -1.0  # first log-odds above which the second ensemble judges a point
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
 MIN_OUTLIERS = 500  # outliers of a sweep from which on all sweeps count the same
@@ -127,7 +127,7 @@ def train(
     Parameters
     ----------
     sweeps : of spinning sensors, with and without outliers
-    about : what the file says of its training
+    about : description of the training, for the file
     recipe : how
     progress : is called before every step: how many of how many are done, and of what; it may leave
 
@@ -170,9 +170,9 @@ def train(
 def _pass(
     seen: Sequence[_Seen], odds: Sequence[Singles] | None, recipe: Recipe, progress: Progress
 ) -> tuple[dict[str, Any], list[Singles]]:
-    """Train one ensemble on all sensors, and say what others say of the sensor they leave out.
+    """Train one ensemble on all sensors; return the held-out log-odds of each sweep, too.
 
-    ``odds`` is what the first pass says of each sweep; None: this is the first.
+    ``odds`` are the first pass's log-odds of each sweep; None: this is the first.
     """
     again = odds is not None
     before = [None] * len(seen) if odds is None else odds
@@ -204,7 +204,7 @@ def _pass(
 def _held_out(
     seen: Sequence[_Seen], odds: Sequence[Singles], recipe: Recipe
 ) -> tuple[float, dict[str, Any]]:
-    """Choose a threshold on the sensors left out, and say what it gives."""
+    """Choose a threshold on the sensors left out, and measure its figures."""
     held = [
         judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
         for one, result in zip(seen, odds, strict=True)

@@ -54,7 +54,7 @@ STREETS = 64
 FOLDS = 3  # of streets
 ROUNDS = (100, 120)  # trees of both ensembles
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
-DOUBTFUL = -1.0  # from which on a point is looked at again
+DOUBTFUL = -1.0  # first log-odds above which the second ensemble judges a point
 GOOD, BAD = (4000, 8000), (400, 1000)  # points of a street, and of each cause, in both passes
 GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
@@ -119,7 +119,7 @@ def train_profile(
     Parameters
     ----------
     streets : at least as many as folds
-    about : what the file says of its training
+    about : description of the training, for the file
     seed : of the points drawn, from 0
     rounds : trees of both ensembles
     progress : is called before every step: how many of how many are done, and of what; it may leave
@@ -166,10 +166,10 @@ def _pass(
     rounds: int,
     progress: Progress,
 ) -> tuple[dict[str, Any], Any]:
-    """Train one ensemble on all streets, and say what others say of the streets they leave out.
+    """Train one ensemble on all streets; return the held-out log-odds of each street, too.
 
-    ``odds`` is what the first pass says of all points of each block; None: this is the first, which
-    returns the same. The second returns what it says of each street's points.
+    ``odds`` are the first pass's log-odds of all points of each block; None: this is the first,
+    which returns the same. The second returns the log-odds of each street's points.
     """
     again = odds is not None
     names = (*NAMES, *(SECOND_PASS if again else ()))
@@ -248,7 +248,7 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
 def _judge(
     street: Street, trees: Trees, odds: list[Singles] | None
 ) -> Iterator[tuple[Singles, NDArray[np.bool_]]]:
-    """Say of each block what a pass says of its points, and which are its own.
+    """Return the log-odds of the points of each block in a pass, and which points are its own.
 
     The second pass judges only those that are not clearly good.
     """

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train the trees that judge clouds without scan lines, and write their file.
 
-There are two ensembles, and the second sees the results of the first. Scenes are in three folds,
-each of which is left out once: what the second ensemble sees of a scene is what a first one says
-that never saw it. The threshold and the figures of the file are of ensembles, too, that never saw
-the scene.
+There are two ensembles; the second sees the log-odds of the first. Scenes are in three folds, each
+of which is left out once (cross-validation): the second ensemble learns from log-odds of ensembles
+that were trained without the scene. The threshold and the figures of the file are of such, too.
 
-So the trees that judge a scene never saw it. But first results of the other folds, which their
-second ensemble learns from, are of ensembles that did; and the threshold is chosen on the scenes
-that the figures are of. Both can make the figures better than those of a scene never seen.
+Two leaks remain, which can make the figures better than on new scenes: the second ensemble learns
+from first log-odds of the other folds, whose ensembles did see the scene; and the threshold is
+chosen on the scenes that the figures are measured on.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ if TYPE_CHECKING:
 SCENES = 90
 FOLDS = 3  # of scenes
 ROUNDS = (80, 220)  # trees of both ensembles
-DOUBTFUL = -4.5  # log-odds of the first from which on a point is looked at again
+DOUBTFUL = -4.5  # first log-odds above which the second ensemble judges a point
 GOOD, BAD = (3000, 4000), (400, 1000)  # points of a scene, and of each cause, in both passes
 GOOD_COUNTS = 5.0  # how much good points count
 # Single points cannot tell them from edges, so they are neither good nor bad.
@@ -96,7 +95,7 @@ def train_survey(
     Parameters
     ----------
     scenes : at least as many as folds
-    about : what the file says of its training
+    about : description of the training, for the file
     seed : of the points drawn, from 0
     rounds : trees of both ensembles
     progress : is called before every step: how many of how many are done, and of what; it may leave
@@ -149,9 +148,9 @@ def _pass(
     rounds: int,
     progress: Progress,
 ) -> tuple[dict[str, Any], list[Singles]]:
-    """Train one ensemble on all scenes, and say what others say of the scenes they leave out.
+    """Train one ensemble on all scenes; return the held-out log-odds of each scene, too.
 
-    ``odds`` is what the first pass says of all points of each scene; None: this is the first.
+    ``odds`` are the first pass's log-odds of all points of each scene; None: this is the first.
     """
     again = odds is not None
     names = NAMES[SURVEY_MODEL][again]
@@ -206,7 +205,7 @@ def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Dr
 
 
 def _judge(scene: _SceneSeen, trees: Trees, odds: Singles | None) -> Singles:
-    """Say of each point what a pass says: the second only of those that are not clearly good."""
+    """Return the log-odds of each point in a pass; the second judges only doubtful points anew."""
     if odds is None:
         return first_odds(neighbours(scene.hood, scene.around), trees)
     which, result = np.flatnonzero(odds > DOUBTFUL), odds.copy()

@@ -315,7 +315,7 @@ def elevations(flat: Floats, z: Floats, origin: Origin) -> Floats:
 
 @kernel
 def _times(xyz: Floats) -> Ints:
-    """Return when a head looks at points, nanoseconds."""
+    """Return when a steadily turning head points at each point, nanoseconds."""
     t = np.empty(len(xyz), np.int64)
     for i in range(len(xyz)):
         t[i] = np.int64(np.rint((arctangent(xyz[i, 1], xyz[i, 0]) / TURN + 0.5) * SECOND))

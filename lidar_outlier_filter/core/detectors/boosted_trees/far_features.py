@@ -156,7 +156,7 @@ def _write_distances(
 
 @inner_kernel
 def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
-    """Join the neighbours one by one (Prim's spanning tree), and write what distances say.
+    """Join the neighbours one by one (Prim's spanning tree), and write features of the edges.
 
     The neighbours are put into another order.
     """
@@ -261,7 +261,7 @@ def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
 def _write_odds(
     odds: Singles, nearest: Index, p: int, others: Index, lane: int, values: Singles
 ) -> None:
-    """Write what the first trees say of the point and of its neighbours."""
+    """Write the first log-odds of the point, and their statistics over its neighbours."""
     total, few, many = 0.0, 0, 0
     for m in range(K):
         total += float(odds[nearest[m]])

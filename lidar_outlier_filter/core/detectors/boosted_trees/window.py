@@ -56,7 +56,7 @@ class Prepared(NamedTuple):
     near : (4, M) int32
         The place nearest in azimuth on each ring beside; see :func:`find_beside`.
     groups : (G, M) float32
-        Of a profile scanner, what is said of the free group of each; G is 0 for other sensors.
+        Of a profile scanner, the features of the free group of each; G is 0 for other sensors.
 
     """
 
