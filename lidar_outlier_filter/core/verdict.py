@@ -41,11 +41,11 @@ class Verdict:
         The bits of the detectors whose score is greater than 1, and ``EXTRA``; ``MASKED`` alone for
         a point on the own vehicle.
     undecided : (N,) uint16
-        The bits of the detectors that looked at the point and could not test it.
+        The bits of the detectors that could not test the point.
     rejected : (N,) bool
         Whether the point is an outlier: one bit in ``detectors``, or as many as must agree.
     reason : (N,) uint8
-        Why, where ``scores`` are wanted: a number that :func:`.registry.reasons` names, or 0.
+        Why, where ``scores`` are requested: a number that :func:`.registry.reasons` names, or 0.
 
     Examples
     --------
@@ -65,7 +65,7 @@ class Verdict:
 
     @classmethod
     def untested(cls, count: int) -> Verdict:
-        """Return the verdict of points that nobody has looked at."""
+        """Return the verdict of points that no detector has judged."""
         return cls(
             np.full(count, np.nan, np.float32),
             np.zeros(count, np.uint16),
@@ -76,7 +76,7 @@ class Verdict:
 
     @classmethod
     def beforehand(cls, points: Points) -> Verdict:
-        """Return the verdict before any detector looks: it rejects the own vehicle alone."""
+        """Return the verdict before any detector judges: only the own vehicle is rejected."""
         verdict = cls.untested(len(points))
         if points.masked is not None:
             verdict.score[points.masked] = np.inf
@@ -157,6 +157,6 @@ def _add(
         if score[i] > 1:
             rounded = max(rounded, ABOVE_ONE)
             detectors[k] |= bit
-        # A comparison with NaN is false: what nobody has tested yet is overwritten.
+        # A comparison with NaN is false: the NaN of untested points is overwritten.
         if not largest[k] >= rounded:
             largest[k] = rounded

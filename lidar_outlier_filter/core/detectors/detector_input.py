@@ -35,7 +35,7 @@ class DetectorInput:
     points : N valid points
     threads : at most so many at once; 0: as many as there are cores
     gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
-    whole : whether they are all of a cloud, no part of a stream
+    whole : whether they are a whole cloud, not part of a stream
     allocate : returns large arrays, in memory or in files
 
     """

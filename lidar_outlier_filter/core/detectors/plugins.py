@@ -128,7 +128,7 @@ def _is_section(section: Any) -> bool:
             parameter.check(parameter.default)
         section().check()
         hash(section())
-    except Exception:  # noqa: BLE001  the class is somebody else's
+    except Exception:  # noqa: BLE001  the class is a plug-in's
         return False
     return is_class
 

@@ -259,7 +259,7 @@ def _is_worst(
         k = failing[m]
         i, j = before[k], after[k]
         for _ in range(reach):
-            # A comparison with NaN is false: points that pass exceed nobody.
+            # A comparison with NaN is false: points that pass exceed no other.
             if (i >= 0 and rank[i] >= rank[k]) or (j >= 0 and rank[j] > rank[k]):
                 result[m] = False
                 break

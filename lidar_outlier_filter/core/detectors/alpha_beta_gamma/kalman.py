@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The α-β-γ smoother as anybody's Kalman filter: slow, and easy to audit.
+"""The α-β-γ smoother as a textbook Kalman filter: slow, and easy to audit.
 
 Chosen by ``engine: filterpy``. One window is one run of ``filterpy.kalman.KalmanFilter`` with the
 states position, velocity and (order 2) acceleration of x, y and z, without process noise, followed
