@@ -167,7 +167,7 @@ def _by(python: str) -> int:
 def main() -> int:
     """Compare, or write; return the exit status."""
     parser = argparse.ArgumentParser(description='Compare golden verdicts.')
-    parser.add_argument('--write', action='store_true', help='write the file anew')
+    parser.add_argument('--write', action='store_true', help='write the file again')
     parser.add_argument('--small', action='store_true', help='small real recordings only')
     parser.add_argument('--few', action='store_true', help='few points of these only')
     parser.add_argument('--threads', type=int, default=0, help='0: as many as there are cores')

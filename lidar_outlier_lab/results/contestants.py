@@ -98,7 +98,7 @@ def peer(name: str, cloud: Judge, most: float = math.inf) -> Contestant:
     return Contestant(name, lambda sample: max(map(len, sample.clouds)) <= most, judge)
 
 
-# Near to Leslar et al. (2010), whose forms by the letter are on the pages of the papers.
+# Near to Leslar et al. (2010), whose published forms are on the pages of the papers.
 ONE_SURFACE = {
     'quadric.surfaces': 1,
     'quadric.significance': SMOOTHER['alpha_beta_gamma.significance'],

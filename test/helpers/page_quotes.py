@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What pages quote, and where it comes from; as a program it writes the quotations anew.
+"""What pages quote, and where it comes from; as a program it rewrites the quotations.
 
 ``cd test && python -m helpers.page_quotes`` writes all. With names of sources, it writes theirs
 only.

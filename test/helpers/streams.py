@@ -102,7 +102,7 @@ class TaggedStream:
         return self._answers(self.stream.flush_pending())
 
     def flush(self) -> list[tuple[Any, Verdict]]:
-        """Judge all that is pending, and begin anew."""
+        """Judge all pending clouds, and reset."""
         return self._answers(self.stream.flush())
 
     def _answers(self, finished: list[TaggedCloud]) -> list[tuple[Any, Verdict]]:

@@ -44,7 +44,7 @@ def test_what_is_not_run_has_a_reason() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('name', SOURCES)
 def test_quotations(runs: Pages, name: str) -> None:
-    """Where this fails, ``cd test && python -m helpers.page_quotes`` writes the pages anew."""
+    """Where this fails, ``cd test && python -m helpers.page_quotes`` rewrites the pages."""
     source, quotes = SOURCES[name]
     figures = source(runs)
     for quote in quotes:

@@ -117,7 +117,7 @@ def test_environment_is_made_once(project: Project) -> None:
 
 @pytest.mark.parametrize('name', ['setup.py', 'scripts/constraints.txt', 'scripts/environment'])
 def test_environment_follows_its_recipe(project: Project, name: str) -> None:
-    """A change to what it is made from makes it anew, without what was in it."""
+    """A change of its recipe makes the environment again, without its former content."""
     project.make()
     leftover = project.root / '.venv' / 'leftover'
     leftover.touch()

@@ -122,7 +122,7 @@ class Scene:
 
     def cast(self, rays: Rays) -> Hits:
         """Find the nearest surface on every ray."""
-        # One layout of arrays: the kernel would be compiled anew for every other.
+        # One layout of arrays: the kernel would be compiled again for each other one.
         origin, direction = map(np.ascontiguousarray, (rays.origin, rays.direction))
         return Hits(*caster.cast(self.table, origin, direction, rays.t, rays.reach))
 

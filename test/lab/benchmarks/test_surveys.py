@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Peers on surveys, written anew: they are what their definitions say."""
+"""Peers on surveys, reimplemented: they agree with their definitions."""
 
 from __future__ import annotations
 
