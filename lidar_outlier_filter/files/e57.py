@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pye57 import libe57
 
-from lidar_outlier_filter.core.points.poses import Mounting
+from lidar_outlier_filter.core.points.poses import SensorExtrinsics
 from lidar_outlier_filter.errors import CloudError, PoseError
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
 from lidar_outlier_filter.files.ply import header_of
@@ -175,7 +175,7 @@ def _pose(node: Any, what: str) -> NDArray[np.float64]:
         if node.isDefined('pose') and node['pose'].isDefined(part):
             numbers[part] = [float(node['pose'][part][axis].value()) for axis in axes]
     try:
-        pose = Mounting.of_pose((*numbers['translation'], *numbers['rotation']))
+        pose = SensorExtrinsics.of_pose((*numbers['translation'], *numbers['rotation']))
     except PoseError as err:
         raise CloudError(what, 'a unit quaternion and a place', f'"{err}"') from err
     return np.column_stack((pose.matrix, pose.position))

@@ -153,7 +153,7 @@ class Decoder:
 
     def reset(self) -> None:
         """Forget the scan angles so far: what comes has nothing to do with them."""
-        self._counter.begin_anew()
+        self._counter.reset()
 
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that has the scores already, where they are to be added."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol
 
 from lidar_outlier_filter.core.engine.stream_cloud import BEGINNING, AnyCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
-from lidar_outlier_filter.core.points.poses import Mounting, Track
+from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
 from lidar_outlier_filter.pipeline.statistics import CountsByReason
 
@@ -59,7 +59,7 @@ class Odometry:
         self.topic = motion.topic
         self.refusals = CountsByReason()
         self._track = Track(motion.max_gap, parameters.time_jump)
-        self._extrinsics = Mounting.at(
+        self._extrinsics = SensorExtrinsics.at(
             (motion.x, motion.y, motion.z), (motion.roll, motion.pitch, motion.yaw)
         )
 
@@ -82,7 +82,7 @@ class Odometry:
 
     def reset(self) -> None:
         """Forget all odometry."""
-        self._track.begin_anew()
+        self._track.reset()
 
 
 class PoseQueue(Generic[AnyCloud]):

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.points.points import missing
+from lidar_outlier_filter.core.points.points import no_return
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
@@ -285,7 +285,7 @@ class Pipeline:
 
     def _without_points(self, msg: Any) -> Points:
         view = self._decoder.view(msg)
-        return missing(0 if view is None else view.size)
+        return no_return(0 if view is None else view.size)
 
     def _enter(self, cloud: _PendingCloud) -> _PendingCloud:
         """Let a cloud wait for its poses."""

@@ -17,7 +17,7 @@ import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from lidar_outlier_filter.core.points.points import SECOND, Points
-from lidar_outlier_filter.core.points.poses import Mounting, Track
+from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
 from lidar_outlier_filter.pipeline.motion import Odometry
 from lidar_outlier_filter.pipeline.statistics import CountsByReason
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 TF_DEPTH = 100  # messages, as tf2's own listener keeps
 MAX_FRAMES = 10_000
 MAX_NAME = 1000  # characters of the name of a frame
-NOWHERE = Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+NOWHERE = SensorExtrinsics.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def make_motion(node: Node, parameters: FilterParameters) -> PoseSource | None:
@@ -65,7 +65,7 @@ class Tf:
         self._max_gap, self._jump = parameters.motion.max_gap, parameters.time_jump
         self._lock = threading.Lock()
         self._parents: dict[str, str] = {}  # by child
-        self._links: dict[str, Mounting | Track] = {}  # poses in the parent, by child
+        self._links: dict[str, SensorExtrinsics | Track] = {}  # poses in the parent, by child
 
     def listen(self, node: Node) -> None:
         """Subscribe to /tf and /tf_static.
@@ -95,7 +95,7 @@ class Tf:
         """Add transforms that hold at all times; invalid ones are counted."""
         for transform in msg.transforms:
             try:
-                link = Mounting.of_pose(_pose(transform))
+                link = SensorExtrinsics.of_pose(_pose(transform))
             except PoseError as err:
                 self.refusals.note(err.what)
                 continue
@@ -120,7 +120,7 @@ class Tf:
             return points, np.zeros(len(points), np.bool_)
         moved, covered = points, points.valid
         for link, is_inverse in path:
-            if isinstance(link, Mounting):
+            if isinstance(link, SensorExtrinsics):
                 moved = replace(
                     moved, xyz=_moved_once(moved.xyz, _inverse(link) if is_inverse else link)
                 )
@@ -140,7 +140,7 @@ class Tf:
     def _reset(self) -> None:
         for link in self._links.values():
             if isinstance(link, Track):
-                link.begin_anew()
+                link.reset()
 
     def _add(self, transform: Any) -> None:
         child = self._attach(transform)
@@ -171,7 +171,7 @@ class Tf:
         self._parents[child] = parent
         return child
 
-    def _path(self, frame: str) -> list[tuple[Mounting | Track, bool]] | None:
+    def _path(self, frame: str) -> list[tuple[SensorExtrinsics | Track, bool]] | None:
         """List the transforms to the fixed frame, and whether each is inverted; None: no way."""
         with self._lock:
             up, down = self._to_root(frame), self._to_root(self._fixed)
@@ -210,12 +210,12 @@ def _move_back(points: Points, track: Track) -> tuple[Points, Bools]:
     return replace(points, xyz=turned), covered
 
 
-def _inverse(mounting: Mounting) -> Mounting:
+def _inverse(mounting: SensorExtrinsics) -> SensorExtrinsics:
     turn = mounting.matrix.T
-    return Mounting(-turn @ mounting.position, turn)
+    return SensorExtrinsics(-turn @ mounting.position, turn)
 
 
-def _moved_once(xyz: Floats, mounting: Mounting) -> Floats:
+def _moved_once(xyz: Floats, mounting: SensorExtrinsics) -> Floats:
     """Move all points alike; by elements, so that it does not depend on how many there are."""
     parts = (xyz[:, k, np.newaxis] * mounting.matrix[:, k] for k in range(3))
     return sum(parts, start=mounting.position)

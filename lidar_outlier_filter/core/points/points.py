@@ -117,7 +117,7 @@ def _rows(
     return np.take(xyz, index, axis=0, out=rows, mode='clip')  # other modes make a copy
 
 
-def missing(count: int) -> Points:
+def no_return(count: int) -> Points:
     """Return points of which there is nothing but their number; they take no memory."""
     zero = np.broadcast_to(np.int64(0), count)
     return Points(

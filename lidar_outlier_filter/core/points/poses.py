@@ -27,19 +27,19 @@ ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
 
 
 @dataclass(frozen=True)
-class Mounting:
+class SensorExtrinsics:
     """Where the sensor is on the vehicle: metres, and a rotation from its axes to the vehicle's."""
 
     position: Floats
     matrix: Floats
 
     @classmethod
-    def at(cls, position: Triple, angles: Triple) -> Mounting:
+    def at(cls, position: Triple, angles: Triple) -> SensorExtrinsics:
         """Make it of x, y, z and roll, pitch, yaw (radians, about fixed axes, in turn)."""
         return cls(np.array(position, np.float64), Rotation.from_euler('xyz', angles).as_matrix())
 
     @classmethod
-    def of_pose(cls, pose: tuple[float, ...]) -> Mounting:
+    def of_pose(cls, pose: tuple[float, ...]) -> SensorExtrinsics:
         """Make it of x, y, z and a quaternion x, y, z, w; raise a PoseError where it is none."""
         x, y, z, *quaternion = _checked(pose)
         return cls(np.array([x, y, z]), Rotation.from_quat(quaternion).as_matrix())
@@ -70,7 +70,7 @@ class Track:
         track, zero = Track(1.0, 1.0), np.zeros(1, np.int64)
         track.add(0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
         point = Points(np.ones((1, 3)), zero, zero, np.ones(1, np.bool_))
-        track.move(point, Mounting(np.zeros(3), np.eye(3)))
+        track.move(point, SensorExtrinsics(np.zeros(3), np.eye(3)))
 
     def add(self, t: int, pose: tuple[float, ...]) -> bool:
         """Add the next pose: t in nanoseconds; x, y, z in metres and a quaternion x, y, z, w.
@@ -99,7 +99,7 @@ class Track:
                 del self._times[:old], self._poses[:old]
         return is_set_back
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forget the poses: the clock of the points was set back.
 
         Not those that have begun anew by themselves, and are ahead of the points.
@@ -113,7 +113,7 @@ class Track:
         with self._lock:
             return bool(self._times) and self._times[-1] >= last
 
-    def move(self, points: Points, mounting: Mounting) -> tuple[Points, Bools]:
+    def move(self, points: Points, mounting: SensorExtrinsics) -> tuple[Points, Bools]:
         """Move points to the fixed frame, each from where the sensor was at its own time.
 
         Positions are interpolated linearly, rotations along the shortest arc. Points before the

@@ -160,9 +160,9 @@ class LineCounter:
     def __init__(self) -> None:
         """Begin before the first line."""
         self._line = 0
-        self.begin_anew()
+        self.reset()
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forget the angles so far: what comes has nothing to do with them."""
         self._turn = (np.nan, np.nan, 0.0)
 

@@ -14,10 +14,10 @@ from helpers.turned_poses import LEVEL, SECOND, START, points, turned
 from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core.points.points import Points, concatenate
-from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
+from lidar_outlier_filter.core.points.poses import KEPT, SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
 
-NOWHERE = Mounting.at((0, 0, 0), (0, 0, 0))
+NOWHERE = SensorExtrinsics.at((0, 0, 0), (0, 0, 0))
 
 
 def track(*poses: tuple[float, tuple[float, ...]], max_gap: float = 1.0) -> Track:
@@ -28,7 +28,7 @@ def track(*poses: tuple[float, tuple[float, ...]], max_gap: float = 1.0) -> Trac
     return made
 
 
-def move(made: Track, given: Points, mounting: Mounting) -> Points:
+def move(made: Track, given: Points, mounting: SensorExtrinsics) -> Points:
     """Move points that are covered."""
     moved, covered = made.move(given, mounting)
     np.testing.assert_array_equal(covered, given.valid)
@@ -46,7 +46,7 @@ def covered(made: Track, *seconds: float) -> list[bool]:
 def test_worked_out_by_hand() -> None:
     """A vehicle drives 2 m and turns by 90°; the sensor is 1 m ahead on it, and looks left."""
     made = track((0.0, (10.0, 20.0, 1.0, *LEVEL)), (0.5, (12.0, 20.0, 1.0, *turned(90))))
-    mounting = Mounting.at((1, 0, 0), (0, 0, math.pi / 2))
+    mounting = SensorExtrinsics.at((1, 0, 0), (0, 0, math.pi / 2))
     given = points((0.0, 3, 0, 0), (0.25, 3, 0, 0), (0.5, 3, 0, 0.5))
     moved = move(made, given, mounting)
     # At the start left is +y; half way it is 45° further, at the end it is -x.
@@ -71,7 +71,7 @@ def test_naive(seed: int) -> None:
     made = track(
         *((t, (*p, *q)) for t, p, q in zip(times, positions, rotations.as_quat(), strict=True))
     )
-    mounting = Mounting.at(tuple(rng.normal(0, 1, 3)), tuple(rng.uniform(-3, 3, 3)))
+    mounting = SensorExtrinsics.at(tuple(rng.normal(0, 1, 3)), tuple(rng.uniform(-3, 3, 3)))
     rows = np.column_stack(
         [rng.choice(rng.uniform(times[3], times[20], 20), 50), rng.normal(0, 9, (50, 3))]
     )
@@ -155,7 +155,7 @@ def test_the_poses_around_make_no_difference() -> None:
     quaternions = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.1, (9, 3)), axis=0)).as_quat()
     poses = [(i / 10, (*rng.normal(0, 9, 3), *q)) for i, q in enumerate(1.002 * quaternions)]
     rows = [(t, *rng.normal(0, 9, 3)) for t in (0.2, 0.25, 0.3, 0.3, 0.47, 0.5)]
-    mounting = Mounting.at((1, 2, 3), (0.1, 0.2, 0.3))
+    mounting = SensorExtrinsics.at((1, 2, 3), (0.1, 0.2, 0.3))
     together = move(track(*poses), points(*rows), mounting).xyz
     for i, row in enumerate(rows):
         needed = [pose for pose in poses if abs(pose[0] - row[0]) < 0.1 - 1e-9]
@@ -165,7 +165,7 @@ def test_the_poses_around_make_no_difference() -> None:
 # Threads, and a clock that was set back ---------------------------------------------------------
 
 
-@pytest.mark.parametrize('work', ['add', 'begin_anew', 'move', 'reaches'])
+@pytest.mark.parametrize('work', ['add', 'reset', 'move', 'reaches'])
 def test_threads_wait_for_each_other(work: str) -> None:
     """No thread reads or changes the poses while another one does."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
@@ -186,16 +186,16 @@ def test_threads_wait_for_each_other(work: str) -> None:
 def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
     """Unless they began anew by themselves, and are those of now."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (5.0, (0.0,) * 3 + LEVEL))
-    made.begin_anew()
+    made.reset()
     assert len(made) == 0
     # The poses go back first, and then the clouds.
     made.add(START + 5 * SECOND, (0.0,) * 3 + LEVEL)
     made.add(START, (0.0,) * 3 + LEVEL)
-    made.begin_anew()
+    made.reset()
     assert len(made) == 1
     # Points that were moved by them are of their time: the next time the clock is set back, is not.
     move(made, points((0.0, 1, 0, 0)), NOWHERE)
-    made.begin_anew()
+    made.reset()
     assert len(made) == 0
 
 
