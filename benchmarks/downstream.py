@@ -58,7 +58,7 @@ CELL = 0.2  # metres: side of a cell
 BAND = (0.3, 2.0)  # metres above the ground: what a vehicle would drive into
 NEAR = 8.0  # metres: where the ground is looked for
 FARTHEST = 100.0  # metres: KISS-ICP's own default
-LEAST = 3  # sweeps of a recording
+MIN_SWEEPS = 3  # sweeps of a recording
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def recorded(data: Path) -> Iterator[DriveOf]:
     """Read the real, clean recordings of a few sweeps each."""
     for recording in known_recordings(data / 'bags'):
         clouds = [cloud.take(np.flatnonzero(cloud.valid)) for cloud in read_sweeps(recording)]
-        if len(clouds) >= LEAST:
+        if len(clouds) >= MIN_SWEEPS:
             yield DriveOf(f'{recording.sensor}, real, dry', clouds)
 
 

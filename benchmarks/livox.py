@@ -50,10 +50,10 @@ SEEDS = (831, 832, 833, 834, 835, 836)
 SCANNERS: dict[str, FreeScanner] = {'Mid-40': MID_40, 'L2': L2, 'like a Mid-360': MID_360}
 WEATHER = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust')
 KINDS = {CLEAN: 'dry air', STREET: 'mixed points, ghosts, birds'}
-LEAST = 0.04  # metres: the least radius of DROR (Charron et al. 2018)
+MIN_RADIUS_M = 0.04  # metres: the least radius of DROR (Charron et al. 2018)
 THRESHOLDS = np.geomspace(1e-4, 100.0, 241)  # of distances ÷ range, and of metres
 OTHERS: dict[str, Callable[[Points], Floats]] = {
-    'DROR': lambda points: dror(distances(points.xyz, 3)[:, 2], points.range, LEAST),
+    'DROR': lambda points: dror(distances(points.xyz, 3)[:, 2], points.range, MIN_RADIUS_M),
     'SOR': lambda points: distances(points.xyz, 20).mean(axis=1),
     'LOF': lambda points: lof(points.xyz, 20),
 }

@@ -109,13 +109,13 @@ def judge(form: str, sweeps: Sequence[Sweep], options: argparse.Namespace, every
     """Judge one form, and put the figures to those that are there."""
     clouds = [cloud(sweep, FORMS[form]) for sweep in sweeps]
     judged = {**everything.get(FORMS[form].like, {})}
-    for name, verdict in verdicts(clouds, wanted(form, options), options.outdet):
+    for name, verdict in verdicts(clouds, requested(form, options), options.outdet):
         judged[name] = count(clouds, verdict)
         print(f'{form}: {name} judged', file=sys.stderr, flush=True)
     everything[form] = {name: judged[name] for name in JUDGES if name in judged}
 
 
-def wanted(form: str, options: argparse.Namespace) -> list[str]:
+def requested(form: str, options: argparse.Namespace) -> list[str]:
     """List who judges a form; what peers say of one that is like another is known from there."""
     known = FORMS[form].like in options.forms
     return [name for name in options.judges if name == DEFAULT or not known]

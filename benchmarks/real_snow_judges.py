@@ -65,7 +65,7 @@ NEAREST = 10  # whose distances the rules use
 SPACING = np.radians(0.2)  # between shots
 AVERAGED = 5  # distances of the range-scaled one
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 14.0, 20.0)
-LEAST = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # metres
+MIN_RADII_M = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # metres
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10)
 DARKEST = (0, 1, 2, 4, 8)
 REACHES = (10.0, 12.0, 15.0, 20.0, 30.0, 71.0)  # metres; LIOR's own is 71
@@ -309,7 +309,7 @@ def scaled(seen: Features) -> Floats:
 PEERS: dict[str, Callable[[Features], Verdict]] = {
     'DROR': _ruled(
         'radius {:g} × 0.2° × range, at least {:g} m; fewer than {:g} others',
-        lambda: product(MULTIPLES, LEAST, COUNTS),
+        lambda: product(MULTIPLES, MIN_RADII_M, COUNTS),
         dror,
     ),
     'SOR': _scored('20 others, {:.3g} standard deviations', lambda seen: seen.sor),

@@ -234,9 +234,9 @@ def isolated(xyz: Floats, side: float, few: int) -> Bools:
     number, inverse, held = np.unique(voxel @ step, return_inverse=True, return_counts=True)
     total = np.zeros(len(number), np.int64)
     for offset in np.ndindex(3, 3, 3):
-        wanted = number + (np.array(offset) - 1) @ step
-        at = np.minimum(np.searchsorted(number, wanted), len(number) - 1)
-        total += np.where(number[at] == wanted, held[at], 0)
+        requested = number + (np.array(offset) - 1) @ step
+        at = np.minimum(np.searchsorted(number, requested), len(number) - 1)
+        total += np.where(number[at] == requested, held[at], 0)
     return total[inverse] <= few
 
 

@@ -102,7 +102,7 @@ class JudgingError(CloudError):
         self.trace = ''.join(traceback.format_exception(error))
 
 
-def said_by(error: BaseException) -> str:
+def quote_error(error: BaseException) -> str:
     """Quote what a library says of a file, on one line, where that is a sentence on the file.
 
     Others, such as ``list index out of range``, speak of the reader: the file holds then what its

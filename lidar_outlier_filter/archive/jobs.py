@@ -65,7 +65,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Made:
+class JobResult:
     """The outputs of a task, which have no final name yet.
 
     Attributes
@@ -120,7 +120,7 @@ class Job:
         """Whether nothing is written."""
         return self.clean.dry
 
-    def make(self, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+    def make(self, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
         """Build the outputs of a task in a folder.
 
         Raises
@@ -133,7 +133,7 @@ class Job:
         return make(self, task, folder, note, inform)
 
 
-def wanted(task: Task, job: Job) -> ArchiveRecord:
+def expected_record(task: Task, job: Job) -> ArchiveRecord:
     """Return the record that the outputs of a task must have to be done."""
     return ArchiveRecord(
         task.source,
@@ -160,7 +160,7 @@ def clean_job(
     return Job('file', 'cleaned', 'refused', parameters, asdict(options), options, inspect)
 
 
-def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
     """Replay a recording."""
     built = folder / task.outputs[0].name
     with staged(task.location) as path:
@@ -172,7 +172,7 @@ def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> M
             progress=lambda done, total: note(done / max(done, total, 1)),
             inform=inform,
         )
-    return Made(
+    return JobResult(
         {
             'topics': {topic.topic: _counts(topic) for topic in report.topics},
             'unread': report.unread,
@@ -191,7 +191,7 @@ def _counts(topic: TopicReport) -> dict[str, Any]:
     }
 
 
-def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
     """Clean a file."""
     path, found = Path(str(task.location.path)), list[object]()
 
@@ -214,7 +214,7 @@ def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Ma
         inspect=lambda judged: found.append(job.inspect(judged)),
         make=hidden,
     )
-    return Made(count_file(report), asdict(report), report, found[0])
+    return JobResult(count_file(report), asdict(report), report, found[0])
 
 
 def count_file(report: CleanReport) -> dict[str, Any]:

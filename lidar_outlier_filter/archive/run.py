@@ -15,10 +15,10 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import code_version, content_hash, parameters_hash
-from lidar_outlier_filter.archive.jobs import Made, wanted
+from lidar_outlier_filter.archive.jobs import JobResult, expected_record
 from lidar_outlier_filter.archive.publish import look, publish, settle, workshop
 from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, ArchiveRecord
-from lidar_outlier_filter.errors import FilterError, NoCloudsError, SchedulerError, said_by
+from lidar_outlier_filter.errors import FilterError, NoCloudsError, SchedulerError, quote_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ class Result:
     """The record of a task, what was made if it was not there, and what is to be said."""
 
     record: ArchiveRecord
-    made: Made | None = None
+    made: JobResult | None = None
     said: Sequence[str] = ()
 
 
@@ -62,7 +62,7 @@ def attempt(task: Task, job: Job, record: ArchiveRecord, note: Note, inform: Inf
             made = job.make(task, built, note, inform)
             record = replace(record, state=DONE, **made.counts)
         except NoCloudsError as err:
-            made = Made({})
+            made = JobResult({})
             record = replace(record, state=NO_CLOUDS, error=str(err))
         source_hash = content_hash(task.location)
         task.location.check_unchanged(job.what)
@@ -87,7 +87,7 @@ def attempt_safely(
     except FilterError as err:
         wrong = err
     except Exception as err:  # noqa: BLE001  whatever it is, the next one is worked on
-        wrong = FilterError(f'the {job.what} {task.location.path}', job.done, said_by(err))
+        wrong = FilterError(f'the {job.what} {task.location.path}', job.done, quote_error(err))
     finished = datetime.now(UTC).isoformat(timespec='seconds')
     seconds = round(perf_counter() - began, 3)
     return Result(replace(record, error=str(wrong), seconds=seconds, finished=finished))
@@ -157,7 +157,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
         return list(tasks), {}
 
     def record_of(task: Task) -> ArchiveRecord | None:
-        goal = wanted(task, job)
+        goal = expected_record(task, job)
         try:
             return _done(task, goal, look(task))
         except FilterError as err:
@@ -233,7 +233,7 @@ class Run:
                 self._end(running.pop(future), future, suspects)
 
     def _submit(self, task: Task) -> Future[Result]:
-        record = wanted(task, self.job)
+        record = expected_record(task, self.job)
         if self.workers.client is not None:
             return self.workers.executor.submit(attempt_on_worker, task, self.job, record)
 
@@ -256,7 +256,7 @@ class Run:
             if suspects is not None and type(err).__name__ == 'KilledWorker':
                 suspects.append(task)
                 return
-            result = Result(replace(wanted(task, self.job), error=self._blame(task, err)))
+            result = Result(replace(expected_record(task, self.job), error=self._blame(task, err)))
         for sentence in result.said:
             self.inform(sentence)
         self._records[task] = result.record
@@ -269,7 +269,7 @@ class Run:
         if type(err).__name__ == 'KilledWorker':
             got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
             return str(FilterError(what, f'{self.job.done} without a worker that dies', got))
-        return str(FilterError(what, f'{self.job.done} by the workers', said_by(err)))
+        return str(FilterError(what, f'{self.job.done} by the workers', quote_error(err)))
 
 
 def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, str]) -> None:

@@ -36,7 +36,7 @@ from lidar_outlier_filter.errors import ParameterError
 if TYPE_CHECKING:
     import argparse
 
-    from lidar_outlier_filter.archive.jobs import Made, Task
+    from lidar_outlier_filter.archive.jobs import JobResult, Task
     from lidar_outlier_filter.archive.run import Result
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
@@ -194,7 +194,7 @@ def _clean_many(
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
     job = clean_job(parameters, _clean_options(options), look)
-    made: dict[Task, Made] = {}
+    made: dict[Task, JobResult] = {}
 
     def keep(task: Task, result: Result) -> None:
         if result.made is not None:

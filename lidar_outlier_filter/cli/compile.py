@@ -48,8 +48,8 @@ def _compile(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.core.kernels.kernel_cache import complaints
     from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, load, shares
 
-    wanted, work = _wanted(options.chain), list[KernelShare]()
-    for parameters in wanted:
+    requested, work = _requested(options.chain), list[KernelShare]()
+    for parameters in requested:
         # What is on disk already, in whatever order it was written, is not done again.
         if not load(parameters, explain=True):
             work += [share for share in shares(parameters) if share not in work]
@@ -70,12 +70,12 @@ def _compile(options: argparse.Namespace) -> int:
     for sentence in [*errors, *complaints]:
         say(sentence)
     if not errors:
-        names = dict.fromkeys(name for one in wanted for name in one.chain)
+        names = dict.fromkeys(name for one in requested for name in one.chain)
         say(f'the kernels of {", ".join(names)} are compiled')
     return INCOMPLETE if errors else DONE
 
 
-def _wanted(chain: str | None) -> list[FilterParameters]:
+def _requested(chain: str | None) -> list[FilterParameters]:
     """Return the parameters of the chain that was asked for, or of all that the package brings."""
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import read_yaml

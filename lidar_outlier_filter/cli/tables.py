@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.archive.jobs import Job, Made, Task
+    from lidar_outlier_filter.archive.jobs import Job, JobResult, Task
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
@@ -158,7 +158,7 @@ def show_cleaned(
     records: Sequence[ArchiveRecord],
     tried: Sequence[Task],
     job: Job,
-    made: Mapping[Task, Made],
+    made: Mapping[Task, JobResult],
 ) -> None:
     """Print the results of many files: sentences, tables, and the outputs."""
     reports, worst = {}, {}

@@ -143,7 +143,7 @@ def _run(options: argparse.Namespace) -> int:
     check_new(output)
     goal = Goal(options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
-    wanted = _parse_searches(options.searched)
+    requested = _parse_searches(options.searched)
     with stoppable_bar('tuning') as progress:
         progress(0, 1, 'reading')
         data = together([_data(options, path, parameters) for path in options.data])
@@ -152,7 +152,7 @@ def _run(options: argparse.Namespace) -> int:
             parameters,
             goal,
             folds,
-            wanted=wanted,
+            requested=requested,
             kept=options.keep,
             progress=progress,
         )
@@ -170,20 +170,20 @@ def _run(options: argparse.Namespace) -> int:
     Console().print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
-    if data.unmoved:
-        say(f'{data.unmoved} of its clouds had no poses, and were judged in their own frame')
+    if data.without_pose:
+        say(f'{data.without_pose} of its clouds had no poses, and were judged in their own frame')
     return DONE
 
 
 def _parse_searches(texts: Sequence[str]) -> dict[str, Sequence[object]]:
     """Read the values to try, by parameter; each is named once."""
-    wanted: dict[str, Sequence[object]] = {}
+    requested: dict[str, Sequence[object]] = {}
     for text in texts:
         name, values = _parse_search(text)
-        if name in wanted:
+        if name in requested:
             raise ParameterError('--search', f'given once for {name}', 'more than once')
-        wanted[name] = values
-    return wanted
+        requested[name] = values
+    return requested
 
 
 def _parse_search(text: str) -> tuple[str, Sequence[object]]:

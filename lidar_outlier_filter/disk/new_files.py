@@ -22,7 +22,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import IO, TYPE_CHECKING
 
-from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, quote_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -121,7 +121,7 @@ def writable(path: object, error: type[FilterError] = RecordingError) -> Iterato
     try:
         yield
     except OSError as err:
-        raise error(f'the output {path}', 'written in full', said_by(err)) from err
+        raise error(f'the output {path}', 'written in full', quote_error(err)) from err
 
 
 @contextmanager

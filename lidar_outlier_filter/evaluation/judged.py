@@ -158,15 +158,15 @@ def answers(
     store = get_typestore(Stores.ROS2_JAZZY)
     with Recording(recording) as source:
         topic = _choose(source, topic)
-        wanted = {topic + CLEANED: CLEANED, topic + OUTLIERS: OUTLIERS}
+        requested = {topic + CLEANED: CLEANED, topic + OUTLIERS: OUTLIERS}
         if files:
-            wanted[topic] = INPUT
-        channels = [one for one in source.topics if one.name in wanted and one.msgtype == CLOUD]
-        if len(channels) < len(wanted):
+            requested[topic] = INPUT
+        channels = [one for one in source.topics if one.name in requested and one.msgtype == CLOUD]
+        if len(channels) < len(requested):
             must_be = f'with {topic}, which the labels are for'
             raise RecordingError(f'the recording {recording}', must_be, f'no {topic}')
         clouds = (
-            (wanted[channel.name], store.deserialize_cdr(data, channel.msgtype))
+            (requested[channel.name], store.deserialize_cdr(data, channel.msgtype))
             for channel, _, data in source.messages(channels)
         )
         labels = CloudLabels(topic, label, files)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.errors import CloudError, FilterError, said_by
+from lidar_outlier_filter.errors import CloudError, FilterError, quote_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -228,14 +228,14 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
 
 
 @contextmanager
-def readable(path: Path, passed: type[Exception] = FilterError) -> Iterator[None]:
-    """Turn any error of a reader but ``passed`` into a refusal in one sentence."""
+def readable(path: Path, ignored: type[Exception] = FilterError) -> Iterator[None]:
+    """Turn any error of a reader but ``ignored`` into a refusal in one sentence."""
     try:
         yield
-    except (FilterError, passed):
+    except (FilterError, ignored):
         raise
     except Exception as err:  # readers raise anything on damaged files
-        raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
+        raise CloudError(f'the file {path}', 'readable', quote_error(err)) from err
 
 
 def check_names(path: Path, names: Iterable[str]) -> None:

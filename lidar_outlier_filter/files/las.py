@@ -24,7 +24,7 @@ from laspy import DecompressionSelection as Parts
 from laspy.header import LAS_HEADERS_SIZE
 from laspy.vlrs.vlrlist import VLRList
 
-from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.files import unpack_laz
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.las_header import (
@@ -130,17 +130,17 @@ class LasFile(CloudFile):
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
-        wanted = Parts.XY_RETURNS_CHANNEL  # the count of points is in x
+        requested = Parts.XY_RETURNS_CHANNEL  # the count of points is in x
         for name in names:
-            wanted |= _PARTS.get(name, Parts.all())
+            requested |= _PARTS.get(name, Parts.all())
         with laspy.open(self.path, read_evlrs=False) as reader:
-            for points in self._points(reader, wanted):
+            for points in self._points(reader, requested):
                 yield tuple(np.array(points[name]) for name in names)
 
-    def _points(self, reader: laspy.LasReader, wanted: Parts) -> Iterator[Any]:
+    def _points(self, reader: laspy.LasReader, requested: Parts) -> Iterator[Any]:
         """Read points chunk by chunk; of LAZ, only the parts that are wanted."""
         if reader.header.are_points_compressed:
-            return _unpacked(self.path, reader.header, wanted, CHUNK)
+            return _unpacked(self.path, reader.header, requested, CHUNK)
         return iter(reader.chunk_iterator(CHUNK))
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
@@ -242,7 +242,7 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
             text = said.read().decode(errors='replace').rpartition('\n')[2]
             if status < 0:
                 text = f'the library for LAZ ended by {signal.Signals(-status).name}'
-            raise CloudError(f'the file {path}', 'readable', said_by(RuntimeError(text)))
+            raise CloudError(f'the file {path}', 'readable', quote_error(RuntimeError(text)))
         finally:
             process.kill()
 

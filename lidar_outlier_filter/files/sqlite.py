@@ -55,8 +55,8 @@ class SqliteFile(CloudFile):
                 raise CloudError(f'the columns of table {self.table!r}', must_be, ROW_ID)
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
-            wanted = ', '.join(_quoted(column[1]) for column in stored)
-            first = self._select(database, wanted, 'LIMIT 1').fetchone()
+            requested = ', '.join(_quoted(column[1]) for column in stored)
+            first = self._select(database, requested, 'LIMIT 1').fetchone()
         self.columns: Mapping[str, np.dtype[Any]] = {
             name: np.dtype(
                 np.int64 if 'INT' in kind.upper() or isinstance(value, int) else np.float64
@@ -71,10 +71,12 @@ class SqliteFile(CloudFile):
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
-        wanted = ', '.join(_quoted(name) for name in names)
+        requested = ', '.join(_quoted(name) for name in names)
         with closing(connect(self.path)) as database:
             # Row by row, as every text may be as long as the file.
-            rows = (tuple(map(self._number, names, row)) for row in self._select(database, wanted))
+            rows = (
+                tuple(map(self._number, names, row)) for row in self._select(database, requested)
+            )
             while chunk := list(islice(rows, CHUNK)):
                 yield tuple(_column(values) for values in zip(*chunk, strict=True))
 
@@ -86,10 +88,12 @@ class SqliteFile(CloudFile):
             raise CloudError(what, 'of numbers', repr(value[:_SHOWN]))
         return number
 
-    def _select(self, database: sqlite3.Connection, wanted: str, limit: str = '') -> sqlite3.Cursor:
+    def _select(
+        self, database: sqlite3.Connection, requested: str, limit: str = ''
+    ) -> sqlite3.Cursor:
         """Select columns in the order of the row ids."""
         return database.execute(
-            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {ROW_ID} {limit}'  # noqa: S608  quoted
+            f'SELECT {requested} FROM {_quoted(self.table)} ORDER BY {ROW_ID} {limit}'  # noqa: S608  quoted
         )
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
@@ -116,21 +120,21 @@ class SqliteFile(CloudFile):
             raise OSError(errno.EIO, str(err)) from err
 
 
-def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str:
+def _choose(database: sqlite3.Connection, path: Path, requested: str | None) -> str:
     """Find the requested table."""
     # Virtual tables, whose rows a module makes, have no page.
     of_rows = "SELECT name FROM sqlite_schema WHERE type = 'table' AND rootpage > 0"
     found = database.execute(of_rows)
     names = [name for (name,) in found if not name.startswith('sqlite_')]
-    if wanted is None and len(names) == 1:
-        wanted = names[0]
-    if wanted is None or wanted not in names:
-        got = 'none' if wanted is None else repr(wanted)
+    if requested is None and len(names) == 1:
+        requested = names[0]
+    if requested is None or requested not in names:
+        got = 'none' if requested is None else repr(requested)
         raise CloudError(f'the table of {path}', f'one of {", ".join(names) or "none"}', got)
-    if wanted + VERDICT in names:
-        must_be = f'without {wanted + VERDICT}, which is to be made'
+    if requested + VERDICT in names:
+        must_be = f'without {requested + VERDICT}, which is to be made'
         raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
-    return wanted
+    return requested
 
 
 def _column(values: Sequence[float | None]) -> NDArray[Any]:

@@ -65,19 +65,19 @@ class Parameter:
         """Return the value in the parameter's own type, or refuse it."""
         if isinstance(self.default, tuple):
             return self._check_list(value)
-        wanted = type(self.default)
-        if wanted is float and type(value) is int and abs(value) < LARGEST:
+        expected = type(self.default)
+        if expected is float and type(value) is int and abs(value) < LARGEST:
             value = float(value)
         if value is False and self.default == OFF:  # what YAML makes of the word
             value = OFF
-        if type(value) is not wanted:
-            raise ParameterError(self.name, TYPE_NAMES[wanted], shown(value))
-        if wanted is str:
+        if type(value) is not expected:
+            raise ParameterError(self.name, TYPE_NAMES[expected], shown(value))
+        if expected is str:
             self._check_text(value)
             if self.choices and value not in self.choices:
                 got = shown(value) + did_you_mean([value], self.choices)
                 raise ParameterError(self.name, self.range_text, got)
-        elif wanted is not bool:
+        elif expected is not bool:
             self._check_range(value)
         return value
 

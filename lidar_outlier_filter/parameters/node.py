@@ -54,11 +54,11 @@ class LoadParameters:
 
     policy: str = declare(
         'drop_oldest',
-        'When clouds come faster than they are filtered: drop_oldest: the oldest get no answer; '
-        'pass_through: they pass unfiltered, and so do those that a detector fails on; shed: the '
-        'smoother alone filters them, and what is still too much, or where the chain has no '
-        'smoother all, passes unfiltered.',
-        choices=('drop_oldest', 'pass_through', 'shed'),
+        'When clouds arrive faster than they are filtered: drop_oldest: the oldest are dropped; '
+        'pass_through: they pass unfiltered, as do those that a detector fails on; degrade: only '
+        'the smoother filters them, and the rest, or all if the chain has no smoother, passes '
+        'unfiltered.',
+        choices=('drop_oldest', 'pass_through', 'degrade'),
     )
     clouds: int = declare(
         1000, 'Most clouds that wait to be filtered; the oldest is dropped.', '', 1, 100_000

@@ -323,10 +323,10 @@ class Pipeline:
         statistics.resets = self._blocks.resets
         statistics.without_pose = self._queue.without_pose
         statistics.passes = max(statistics.passes, chain.passes)
-        for way in chain.ways.keys() - statistics.ways.keys():
-            self._inform(f'judged by {way}')
-        statistics.ways.update(chain.ways)
-        chain.ways.clear()
+        for method in chain.methods.keys() - statistics.methods.keys():
+            self._inform(f'judged by {method}')
+        statistics.methods.update(chain.methods)
+        chain.methods.clear()
         return finished
 
     def _split(self) -> list[SplitCloud]:

@@ -50,7 +50,7 @@ class Statistics:
     resets : times the clock was set back
     passes : most repetitions without the rejected points that a block has needed
     failures : blocks that a detector raised an error in
-    ways : blocks by how the default judged them
+    methods : blocks by how the default judged them
 
     """
 
@@ -71,7 +71,7 @@ class Statistics:
     resets: int = 0
     passes: int = 0
     failures: int = 0
-    ways: Counter[str] = field(default_factory=Counter)
+    methods: Counter[str] = field(default_factory=Counter)
 
     @property
     def refused(self) -> int:

@@ -26,7 +26,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 
 from lidar_outlier_filter.disk.new_files import FOLDER, new_files
 from lidar_outlier_filter.disk.sqlite_pages import damage_of
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
 from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
 
@@ -161,7 +161,7 @@ def _ros1_reader(path: RecordingPath, stack: ExitStack) -> Reader1:
     try:
         return stack.enter_context(Reader1(path))
     except (Reader1Error, AssertionError) as err:
-        got = f'{said_by(err)}; `rosbag reindex` restores a bag that was cut off'
+        got = f'{quote_error(err)}; `rosbag reindex` restores a bag that was cut off'
         refusal = RecordingError(f'the recording {path}', 'readable', got)
         refusal.is_damage = False
         raise refusal from err
@@ -316,7 +316,7 @@ def _readable(path: RecordingPath) -> Iterator[None]:
         except FilterError:
             raise
         except Exception as err:  # on damaged files, decoders raise any error
-            raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
+            raise RecordingError(f'the recording {path}', 'readable', quote_error(err)) from err
     except RecordingError as err:
         vars(err).setdefault('is_damage', True)
         raise

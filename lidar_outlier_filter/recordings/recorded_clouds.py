@@ -78,7 +78,7 @@ class RecordedClouds:
         self.times: list[int] = []
         self._recording = recording
         self._parameters = parameters
-        self._wanted = topic
+        self._requested = topic
         self._with_eyes = with_eyes
         self._moves = (with_eyes or with_path) and parameters.motion.source == 'odometry'
 
@@ -101,7 +101,7 @@ class RecordedClouds:
             taken.append(RecordedCloud(cloud, msg, number, eye))
 
         with Recording(self._recording) as source:
-            topic = _choose(source, self._wanted)
+            topic = _choose(source, self._requested)
             self.topic = topic.name
             check_motion(source, parameters.motion)
             self.read = CloudTopic(topic, parameters, chain=_Nothing(parameters), motion=motion)

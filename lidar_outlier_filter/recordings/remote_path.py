@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +31,7 @@ def reached(address: object) -> Iterator[None]:
     except FilterError:
         raise
     except Exception as err:  # each store has errors of its own
-        raise RecordingError(f'the address {address}', 'reached', said_by(err)) from err
+        raise RecordingError(f'the address {address}', 'reached', quote_error(err)) from err
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def written(address: object) -> Iterator[None]:
     except FilterError:
         raise
     except Exception as err:  # as above
-        raise RecordingError(f'the output {address}', 'written in full', said_by(err)) from err
+        raise RecordingError(f'the output {address}', 'written in full', quote_error(err)) from err
 
 
 @dataclass(frozen=True)

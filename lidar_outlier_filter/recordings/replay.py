@@ -146,7 +146,7 @@ def _copy(
     return done
 
 
-def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list[Topic]:
+def choose_clouds(source: Recording, requested: Collection[str], what: str) -> list[Topic]:
     """Find the requested topics of clouds, which errors call ``what``; without a request, all.
 
     Raises
@@ -160,7 +160,7 @@ def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)
         must_be = f'one with a topic of type {CLOUD}'
         raise NoCloudsError(f'the recording {source.path}', must_be, found or 'no topic at all')
-    names = dict.fromkeys(wanted or clouds)
+    names = dict.fromkeys(requested or clouds)
     for name in names:
         if name not in clouds:
             raise RecordingError(what, f'one of {", ".join(clouds)}', repr(name))

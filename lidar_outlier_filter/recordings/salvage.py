@@ -26,7 +26,7 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, writable
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
-from lidar_outlier_filter.errors import RecordingError, printable, said_by
+from lidar_outlier_filter.errors import RecordingError, printable, quote_error
 from lidar_outlier_filter.recordings.bags import (
     NewBag,
     Recording,
@@ -135,7 +135,7 @@ def _checked(topic: Topic, time: int, data: bytes, largest: int, *, zipped: bool
     try:
         data = DECOMPRESSORS['zstd'](data, 0) if zipped else data
     except Exception as err:  # a private type of the version of Python
-        raise RecordingError(what, 'readable', said_by(err)) from err
+        raise RecordingError(what, 'readable', quote_error(err)) from err
     if len(data) > largest:
         raise RecordingError(what, f'of at most {largest} bytes', len(data))
     return data
@@ -151,7 +151,7 @@ def _metadata(path: Path, losses: Losses) -> dict[str, Any]:
         bag = dict(data['rosbag2_bagfile_information'])
         texts_by_name(bag.get('custom_data') or {})
     except (RecordingError, yaml.YAMLError, OSError, LookupError, TypeError, ValueError) as err:
-        losses.add(f'metadata.yaml: {said_by(err)}')
+        losses.add(f'metadata.yaml: {quote_error(err)}')
         return {}
     if str(bag.get('compression_mode')).lower() == 'file':
         must_be = 'unpacked, as by `zstd -d`, before a part of it can be read'
@@ -279,7 +279,7 @@ class _McapFile:
             encoding = channel.message_encoding
             return topic_of(channel.topic, schema.name, definition, encoding, qos)
         except Exception as err:  # noqa: BLE001  as above
-            self._lose(f'the topic {channel.topic}: {said_by(err)}')
+            self._lose(f'the topic {channel.topic}: {quote_error(err)}')
             return None
 
 
@@ -302,7 +302,7 @@ def _records(chunk: Chunk, largest: int) -> Iterator[McapRecord]:
 
 def _words(err: Exception) -> str:
     """Quote an error; that of an end of file has no text."""
-    return '"the end of its bytes"' if isinstance(err, EndOfFile) else said_by(err)
+    return '"the end of its bytes"' if isinstance(err, EndOfFile) else quote_error(err)
 
 
 def _database(path: Path, losses: Losses) -> Iterator[_Item]:
@@ -329,7 +329,7 @@ def _database(path: Path, losses: Losses) -> Iterator[_Item]:
                     topics[number] = None
                     losses.add(f'{path.name}: the topic {number} is not described')
     except (sqlite3.Error, OverflowError, UnicodeError) as err:
-        losses.add(f'{path.name}: no row behind {last} can be read: {said_by(err)}')
+        losses.add(f'{path.name}: no row behind {last} can be read: {quote_error(err)}')
         with suppress(sqlite3.Error), closing(connect(path)) as database:
             (number,) = database.execute('SELECT max(id) FROM messages').fetchone()
             last = number if isinstance(number, int) else 0
@@ -360,7 +360,7 @@ def _database_topics(
             )
         except Exception as err:  # noqa: BLE001  as above
             topics[row['id']] = None
-            losses.add(f'{path.name}: the topic {row.get("name")}: {said_by(err)}')
+            losses.add(f'{path.name}: the topic {row.get("name")}: {quote_error(err)}')
     return topics
 
 
@@ -378,5 +378,5 @@ def _with_log(path: Path, folder: Path, losses: Losses) -> Path:
             database.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()
             database.execute('SELECT count(*) FROM sqlite_master').fetchall()
     except sqlite3.DatabaseError as err:
-        losses.add(f'{logs[0].name}: {said_by(err)}')
+        losses.add(f'{logs[0].name}: {quote_error(err)}')
     return folder / path.name

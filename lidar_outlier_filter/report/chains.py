@@ -38,9 +38,9 @@ SHARED_BLOCKS = 4  # chains judge a block one after the other, or a few blocks
 def features() -> dict[tuple[str, str], str]:
     """Return a few words for each feature, by way of judging and name."""
     return {
-        (way, name): text
+        (method, name): text
         for one in explanations().values()
-        for way, texts in one.ways.items()
+        for method, texts in one.methods.items()
         for name, text in texts.items()
     }
 
@@ -75,9 +75,9 @@ class ExplainingChain(Chain):
             limits = self._limits[one.name]
             bins = np.bincount(exceeded(found.score, limits), minlength=len(limits) + 1)
             self.rejected[one.name] += above(bins)
-        wanted = _to_explain(found.score, MAX_IN_CLOUD if seen.whole else MAX_IN_BLOCK)
-        if one.name in explanations() and wanted.any():
-            self._note(one.name, seen, found.score, parameters, wanted)
+        selected = _to_explain(found.score, MAX_IN_CLOUD if seen.whole else MAX_IN_BLOCK)
+        if one.name in explanations() and selected.any():
+            self._note(one.name, seen, found.score, parameters, selected)
         return found
 
     def _note(
@@ -86,19 +86,19 @@ class ExplainingChain(Chain):
         seen: DetectorInput,
         score: Floats,
         parameters: FilterParameters,
-        wanted: Bools,
+        selected: Bools,
     ) -> None:
         """Note the features that add most to the scores of the wanted points."""
-        found = explanations()[name].explain(seen, parameters, wanted)
-        self.how.add(found.way)
+        found = explanations()[name].explain(seen, parameters, selected)
+        self.how.add(found.method)
         number = {key: k for k, key in enumerate(features(), 1)}
-        numbers = np.array([number[found.way, one] for one in found.names])
+        numbers = np.array([number[found.method, one] for one in found.names])
         # Features that only say where outliers are likely have no number as reasons.
         named = np.isin(found.names, [one.name for one in reasons().values()])
         speaking = np.where(named[:, None] | ~named.any(), found.added, -np.inf)
         order = np.argsort(-speaking, axis=0, kind='stable')[:STRONGEST]
         added = np.maximum(np.take_along_axis(speaking, order, axis=0), 0)
-        where, single = np.flatnonzero(wanted), score.astype(np.float32)
+        where, single = np.flatnonzero(selected), score.astype(np.float32)
         for i, key in enumerate(_keys(seen.points, where)):
             noted = float(single[where[i]]), numbers[order[:, i]], added[:, i]
             self._noted.setdefault(key, (int(seen.points.t[where[i]]), []))[1].append(noted)
@@ -131,9 +131,9 @@ def _to_explain(score: Floats, most: int) -> Bools:
     if len(near) > most:
         order = np.lexsort((np.arange(len(near)) * 7919 % len(near), score[near] <= 1))
         near = near[order[:most]]
-    wanted = np.zeros(len(score), np.bool_)
-    wanted[near] = True
-    return wanted
+    selected = np.zeros(len(score), np.bool_)
+    selected[near] = True
+    return selected
 
 
 def _keys(points: Points, where: NDArray[np.intp]) -> list[bytes]:

@@ -75,7 +75,7 @@ def header(gathered: Gathered) -> dict[str, Any]:
         'untested': tally.untested,
         'drawn': len(points),
         'refusals': found.refusals,
-        'unmoved': found.unmoved,
+        'unmoved': found.without_pose,
         'moved': found.moved,
         'path': _path(found),
         'units': list(found.units),

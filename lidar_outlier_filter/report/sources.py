@@ -77,7 +77,7 @@ class SourceFacts:
     masked : points on the own vehicle, which are not drawn
     refusals : refused clouds by what was wrong with them
     sentences : the first message for each of these
-    unmoved : clouds that were taken without poses, though there is odometry
+    without_pose : clouds that were taken without poses, though there is odometry
     convention : how clouds are read
     span : times of the first and the last valid point, nanoseconds; None without valid points
     times : of all messages with clouds in their recording, nanoseconds
@@ -95,7 +95,7 @@ class SourceFacts:
     masked: int = 0
     refusals: dict[str, int] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
-    unmoved: int = 0
+    without_pose: int = 0
     convention: str = ''
     span: tuple[int, int] | None = None
     times: list[int] = field(default_factory=list)
@@ -180,7 +180,7 @@ class RecordedSource:
                 yield number, cloud
         pipeline, report = self._clouds.read.pipeline, self._clouds.read.report()
         found.refusals, found.sentences = dict(report.refusals), dict(report.sentences)
-        found.unmoved, found.convention = pipeline.statistics.without_pose, pipeline.convention
+        found.without_pose, found.convention = pipeline.statistics.without_pose, pipeline.convention
         found.topic, found.times = self._clouds.topic, self._clouds.times
         self._labels.check_count(len(found.times))
         self.found = found

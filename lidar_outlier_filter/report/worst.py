@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.neighbours.places import typical_scale
+from lidar_outlier_filter.core.neighbours.duplicates import typical_scale
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MANY = 10  # points of a large group
 TOUCHING = 1.8  # cells apart, of the middles: √3 and a little
-MOST = 100  # groups that are kept of a file
+MAX_GROUPS = 100  # groups that are kept of a file
 ALONE, FEW, LARGE = 'alone', f'in groups of 2 to {MANY - 1}', f'in groups of {MANY} and more'
 
 
@@ -83,7 +83,7 @@ def find(judged: JudgedFile) -> Worst:
         high = bool(judged.high[part].mean() > 1 / 2)
         size = ALONE if len(part) == 1 else FEW if len(part) < MANY else LARGE
         causes[f'{"above" if high else "below"}, {size}'].append(len(part))
-        if len(groups) < MOST:
+        if len(groups) < MAX_GROUPS:
             groups.append(_group(judged, rejected[part], high=high))
     return Worst(causes, groups, near)
 

@@ -45,7 +45,7 @@ class Compiler:
         self.compiling = ''
         self._ready, self._inform, self._warn = ready, inform, warn
         self._lock = threading.RLock()
-        self._wanted: FilterParameters | None = None
+        self._requested: FilterParameters | None = None
         self._now: FilterParameters | None = None  # whose chain filters until then
         self._processes = Processes()  # of the work that is not cancelled
         self._thread = threading.Thread()
@@ -53,18 +53,18 @@ class Compiler:
     @property
     def reply(self) -> str:
         """Say what filters until new parameters are in force; empty if they are, or none are."""
-        wanted, now = self._wanted, self._now
-        if wanted is None or now is None:
+        requested, now = self._requested, self._now
+        if requested is None or now is None:
             return ''
         return (
-            f'{", ".join(wanted.chain)} takes over when its kernels are ready; '
+            f'{", ".join(requested.chain)} takes over when its kernels are ready; '
             f'{", ".join(now.chain)} answers until then'
         )
 
-    def want(self, parameters: FilterParameters) -> None:
+    def request(self, parameters: FilterParameters) -> None:
         """Call ``ready`` with these when their kernels are; at once, if they are now."""
         with self._lock:
-            before, self._wanted = self._wanted, parameters
+            before, self._requested = self._requested, parameters
             if is_ready(parameters):
                 self._processes.stop()
                 self._take_over(parameters)
@@ -79,7 +79,7 @@ class Compiler:
     def stop(self) -> None:
         """Compile no more."""
         with self._lock:
-            self._wanted = None
+            self._requested = None
             self._processes.stop()
         if self._thread.ident is not None:
             self._thread.join()
@@ -92,20 +92,20 @@ class Compiler:
         except Exception as err:  # noqa: BLE001  the first block raises it again, and is counted
             self._warn(f'a detector raised an error while it was compiled: {err}')
         with self._lock:
-            if not processes.is_stopped and self._wanted is not None:
-                self._take_over(self._wanted)
+            if not processes.is_stopped and self._requested is not None:
+                self._take_over(self._requested)
 
     def _take_over(self, parameters: FilterParameters) -> None:
         if self.compiling and self._now is not None:
             self._inform(f'{", ".join(parameters.chain)} takes over from the next block')
-        self._wanted, self._now, self.compiling = None, parameters, ''
+        self._requested, self._now, self.compiling = None, parameters, ''
         self._ready(parameters)
 
-    def _compile(self, wanted: FilterParameters, processes: Processes) -> None:
+    def _compile(self, requested: FilterParameters, processes: Processes) -> None:
         until = 'clouds pass unfiltered until then'
         if self._now is not None:
             until = f'until then {", ".join(self._now.chain)} answers'
-        sentence = f'compiling {", ".join(wanted.chain)}; {until}'
+        sentence = f'compiling {", ".join(requested.chain)}; {until}'
         begin = monotonic()
 
         def inform(text: str) -> None:
@@ -121,7 +121,7 @@ class Compiler:
                 inform(f'{sentence}; {parts}')
 
         inform(sentence)
-        for problem in (*processes.run(shares(wanted), show), *kernel_cache.complaints):
+        for problem in (*processes.run(shares(requested), show), *kernel_cache.complaints):
             self._warn(problem)
         if not processes.is_stopped:
-            make_ready(wanted)
+            make_ready(requested)

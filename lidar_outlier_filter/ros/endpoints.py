@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.pipeline.topics import output_topics
 
 if TYPE_CHECKING:
@@ -124,7 +124,9 @@ def _by_rclpy(data: bytes) -> PointCloud2:
         return deserialize_message(data, PointCloud2)
     except RuntimeError as err:  # of the middleware
         must_be = 'a sensor_msgs/msg/PointCloud2'
-        raise CloudError('a serialised cloud', must_be, f'other bytes ({said_by(err)})') from err
+        raise CloudError(
+            'a serialised cloud', must_be, f'other bytes ({quote_error(err)})'
+        ) from err
 
 
 def _find_data(received: bytes, order: str) -> int:

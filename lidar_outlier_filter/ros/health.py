@@ -31,12 +31,12 @@ PROFILES = {
     'rmw_cyclonedds_cpp': 'config/cyclonedds_large_clouds.xml',
 }
 LOSS_PERIOD = 5.0  # seconds between two warnings
-LOST, DROPPED, PASSED = 'lost on the way', 'dropped', 'passed unfiltered'
+LOST, DROPPED, UNFILTERED = 'lost on the way', 'dropped', 'passed unfiltered'
 DEGRADED, WITHOUT_POSE = 'filtered by the smoother alone', 'judged without poses'
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
 COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
-BY_POLICY = {DROPPED, PASSED, DEGRADED}  # load.policy decides these
+BY_POLICY = {DROPPED, UNFILTERED, DEGRADED}  # load.policy decides these
 
 
 @dataclass
@@ -124,8 +124,12 @@ class Health:
         """Count the clouds since the start that were not filtered as asked, by what happened."""
         with self._lock:
             counts = self._counts
-            passed = counts.bypassed['overload'] + counts.bypassed['failure']
-            others = {PASSED: passed, DEGRADED: counts.degraded, WITHOUT_POSE: counts.without_pose}
+            unfiltered = counts.bypassed['overload'] + counts.bypassed['failure']
+            others = {
+                UNFILTERED: unfiltered,
+                DEGRADED: counts.degraded,
+                WITHOUT_POSE: counts.without_pose,
+            }
             return self._missed + Counter(others)
 
     def loss_warning(self, policy: str, seconds: float) -> str:
@@ -216,7 +220,7 @@ class _Look:
         return int(getattr(self.now, name) - getattr(self.before, name))
 
     @property
-    def passed(self) -> int:
+    def unfiltered(self) -> int:
         """Clouds that the filter let pass since the last look."""
         reasons = ('overload', 'failure', 'compiling')
         return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
@@ -254,7 +258,7 @@ class _Look:
     def _unfiltered(self) -> tuple[float, str]:
         """Return the share of clouds that were not filtered as asked, and a sentence on them."""
         missed = Counter({'refused': self.since('refused')}) + self.missed
-        missed[PASSED], missed[WITHOUT_POSE] = self.passed, self.since('without_pose')
+        missed[UNFILTERED], missed[WITHOUT_POSE] = self.unfiltered, self.since('without_pose')
         received = self.tally.clouds + missed[LOST]
         counts = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
         said = f'not filtered as asked: {counts}; {received} received or lost'
@@ -282,7 +286,7 @@ class _Look:
         for name in COUNTS:
             found[name] = str(getattr(now, name))
         for text, counter in (
-            ('blocks judged by', now.ways),
+            ('blocks judged by', now.methods),
             ('rejected by', now.rejected),
             ('reason', now.reasons),
             ('undecided by', now.undecided),
@@ -305,7 +309,7 @@ class _Look:
             'refused': float(self.since('refused')),
             'lost': float(self.missed[LOST]),
             'dropped': float(self.missed[DROPPED]),
-            'passed': float(self.passed),
+            'passed': float(self.unfiltered),
             'backlog_clouds': float(backlog.clouds),
             'backlog_megabytes': backlog.megabytes,
             'waiting_clouds': float(backlog.waiting),

@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from lidar_outlier_filter.disk.new_files import replaced
-from lidar_outlier_filter.errors import ParameterError, said_by
+from lidar_outlier_filter.errors import ParameterError, quote_error
 from lidar_outlier_filter.parameters.declaration import did_you_mean, shown
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
@@ -159,7 +159,7 @@ class TunableNode(Node):  # type: ignore[misc]
             response.message = f'the parameters were not saved: {err}'
         # A home that nobody has is a RuntimeError, a name that no file can have a ValueError.
         except (OSError, RuntimeError, ValueError) as err:
-            got = f'{shown(str(path))}: {said_by(err)}'
+            got = f'{shown(str(path))}: {quote_error(err)}'
             wrong = ParameterError('the file', 'one that can be written', got)
             response.message = f'the parameters were not saved: {wrong}'
         else:

@@ -145,7 +145,7 @@ class OutlierFilterNode(TunableNode):
             channel.start(self._compiler)
         self._warn_of_overrides()
         self._is_started = True
-        self._compiler.want(self.filter_parameters)
+        self._compiler.request(self.filter_parameters)
 
     def _warn_of_overrides(self) -> None:
         """Warn of overrides of the quality of service for topics that this node has not."""
@@ -192,7 +192,7 @@ class OutlierFilterNode(TunableNode):
     def apply(self, parameters: FilterParameters) -> str:
         """Filter by these from the next block on, or when their kernels are ready; say which."""
         if self._is_started:
-            self._compiler.want(parameters)
+            self._compiler.request(parameters)
         else:
             self._take_over(parameters)
         return self._compiler.reply

@@ -260,17 +260,17 @@ class Worker:
         self._health.counted(self._filter.statistics)
         self._publisher.wait()
 
-    def _process(self, msg: PointCloud2, tag: object, passed: str = '') -> list[SplitCloud]:
+    def _process(self, msg: PointCloud2, tag: object, bypassed: str = '') -> list[SplitCloud]:
         """Filter the next cloud; return the answers that are finished by it, the oldest first.
 
         A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
-        ``passed`` says why it is not to be filtered.
+        ``bypassed`` says why it is not to be filtered.
         """
-        passed = passed or ('' if self.enabled else 'disabled')
+        bypassed = bypassed or ('' if self.enabled else 'disabled')
         if self._thread is not None:
             self._filter.requested_outputs = self._publisher.requested
         try:
-            return self._filter.process(msg, tag, bypassed=passed)
+            return self._filter.process(msg, tag, bypassed=bypassed)
         except CloudError as err:
             self._filter.refuse(err)
             return self._filter.advance()

@@ -119,16 +119,16 @@ def _choose(
 ) -> tuple[Ints, dict[Cause, list[slice]]]:
     """Choose which points become outliers: stretches of neighbours, and single ones between."""
     total = int(first[-1])
-    wanted = round(how.share * total)
-    if wanted < 1:
+    requested = round(how.share * total)
+    if requested < 1:
         must_be = f'enough for one outlier at a share of {how.share:g}'
         raise FilterError('the points to inject outliers into', must_be, total)
     code = np.full(total, int(Cause.GOOD), np.int64)
     cloud_of = np.repeat(np.arange(len(first) - 1), np.diff(first))
     groups: dict[Cause, list[slice]] = {Cause.SINGLE: [], Cause.CLUSTER: []}
-    left = round(how.clustered * wanted)
+    left = round(how.clustered * requested)
     smallest, largest = how.size
-    for _ in range(TRIES * (wanted // smallest + 1)):
+    for _ in range(TRIES * (requested // smallest + 1)):
         if left < smallest:
             break
         size = min(int(rng.integers(smallest, largest, endpoint=True)), left)
@@ -140,7 +140,7 @@ def _choose(
             groups[Cause.CLUSTER].append(members)
             left -= size
     groups[Cause.CLUSTER].sort(key=lambda group: group.start)
-    singles = wanted - int(np.count_nonzero(code))
+    singles = requested - int(np.count_nonzero(code))
     free = np.flatnonzero(code == Cause.GOOD)
     for index in np.sort(rng.choice(free, singles, replace=False)).tolist():
         code[index] = Cause.SINGLE

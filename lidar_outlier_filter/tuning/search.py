@@ -141,7 +141,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     goal: Goal,
     folds: int = 5,
     *,
-    wanted: Mapping[str, Sequence[object]] | None = None,
+    requested: Mapping[str, Sequence[object]] | None = None,
     kept: Iterable[str] = (),
     progress: Progress = lambda _done, _total, _what: None,
 ) -> Tuned:
@@ -154,7 +154,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     goal : what to look for
     folds : parts, each in one piece, that are left out in turn: of the recording; or, of several
         recordings, whole ones
-    wanted : values to try, by parameter, instead of or beside those of the table
+    requested : values to try, by parameter, instead of or beside those of the table
     kept : parameters to leave as they are
     progress : is called before every run with the steps done, all steps, and their name; an
         exception that it raises ends the search
@@ -167,7 +167,7 @@ def tune(  # noqa: PLR0913  what the command line offers
 
     """
     fold = fold_of_each(data, folds)
-    listed = searches(parameters, wanted, kept)
+    listed = searches(parameters, requested, kept)
     searcher = Searcher(data, parameters, listed, goal, progress)
     held_out = np.zeros((data.stretches, 4), np.int64)
     found = []

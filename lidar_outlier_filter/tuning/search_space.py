@@ -42,7 +42,7 @@ class Search:
 
 def searches(
     parameters: FilterParameters,
-    wanted: Mapping[str, Sequence[object]] | None = None,
+    requested: Mapping[str, Sequence[object]] | None = None,
     kept: Iterable[str] = (),
 ) -> list[Search]:
     """List what to search for each detector of the chain.
@@ -50,7 +50,7 @@ def searches(
     Parameters
     ----------
     parameters : what holds for all that is not searched
-    wanted : values to try, by parameter, instead of or beside those declared
+    requested : values to try, by parameter, instead of or beside those declared
     kept : parameters to leave as they are
 
     Raises
@@ -60,13 +60,13 @@ def searches(
         both searched and kept; or if none of its values makes sense.
 
     """
-    wanted, kept = dict(wanted or {}), set(kept)
+    requested, kept = dict(requested or {}), set(kept)
     known = {item.name: item for item in describe()}
-    for name in (*wanted, *kept):
+    for name in (*requested, *kept):
         if name not in known or name.partition('.')[0] not in parameters.chain:
             must_be = f'those of {", ".join(parameters.chain)}'
             raise ParameterError('the parameters to search', must_be, repr(name))
-    for name in wanted:
+    for name in requested:
         # The points are read once.
         if known[name].fixed:
             must_be = 'those that can change after the start'
@@ -74,7 +74,8 @@ def searches(
         if name in kept:
             raise ParameterError(name, 'searched or kept', 'both')
     checked = {
-        name: tuple(known[name].check(value) for value in values) for name, values in wanted.items()
+        name: tuple(known[name].check(value) for value in values)
+        for name, values in requested.items()
     }
     for name in kept:
         checked[name] = (parameters.flat()[name],)
@@ -90,7 +91,7 @@ def searches(
 
 
 def _of_detector(
-    detector: str, parameters: FilterParameters, wanted: Mapping[str, tuple[Any, ...]]
+    detector: str, parameters: FilterParameters, requested: Mapping[str, tuple[Any, ...]]
 ) -> tuple[Threshold, list[Grid]]:
     """Return the threshold and the grids of a detector, with the values that a user wants instead.
 
@@ -103,7 +104,7 @@ def _of_detector(
     threshold = find_threshold(DETECTORS[detector], parameters)
     if threshold is None:
         raise ParameterError(f'a parameter of {detector}', 'a float, to be swept', 'none')
-    others = dict(wanted)
+    others = dict(requested)
     if threshold.name in others:
         values = sorted(others.pop(threshold.name), key=threshold.critical)
         threshold = replace(threshold, values=tuple(values))

@@ -47,7 +47,7 @@ class Training:
     stretches : how many there are
     streamed : whether the clouds are judged in blocks, as the node judges them
     refused : clouds that the filter refuses, which are not among them
-    unmoved : clouds that have no poses, under ``motion.source``
+    without_pose : clouds that have no poses, under ``motion.source``
     frames : of the clouds, where they are not all of one; those of different frames are never
         judged together
     parts : several recordings, each judged by itself
@@ -61,7 +61,7 @@ class Training:
     stretches: int
     streamed: bool = True
     refused: int = 0
-    unmoved: int = 0
+    without_pose: int = 0
     frames: tuple[str, ...] = ()
     parts: tuple[Training, ...] = ()
 
@@ -115,7 +115,7 @@ def together(parts: Sequence[Training]) -> Training:
         np.concatenate([part.stretch + begin for part, begin in zip(parts, first, strict=False)]),
         int(first[-1]),
         refused=sum(part.refused for part in parts),
-        unmoved=sum(part.unmoved for part in parts),
+        without_pose=sum(part.without_pose for part in parts),
         parts=tuple(parts),
     )
 
@@ -192,7 +192,7 @@ def from_recording(  # noqa: PLR0913  what the command line offers
         found,
         frames=tuple(frames),
         refused=refused,
-        unmoved=source.read.pipeline.statistics.without_pose,
+        without_pose=source.read.pipeline.statistics.without_pose,
     )
 
 

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_lab.results.contest import compete, standings
-from lidar_outlier_lab.results.contestants import DEFAULT, MOST, OURS, RULES, missing, peers
+from lidar_outlier_lab.results.contestants import (
+    DEFAULT,
+    MAX_PEER_POINTS,
+    OURS,
+    RULES,
+    missing,
+    peers,
+)
 from lidar_outlier_lab.results.markdown import NOTHING, folded, number, paragraphs, table
 
 if TYPE_CHECKING:
@@ -115,7 +122,7 @@ def _default(found: Standings, seeds: Sequence[int]) -> str:
             for title, figure in (('F1', _f1), ('best F1', _best), ('good points lost', _lost))
         ),
         'Rules and peers with a higher F1 than the default, both as they are:',
-        leads(found, [DEFAULT], others),
+        leader(found, [DEFAULT], others),
     )
 
 
@@ -136,14 +143,15 @@ def _contest(found: Standings, seeds: Sequence[int]) -> str:
         'otherwise from 20 stretches of the one. The best F1 of each column is bold. `sor` as '
         'DROR has the setting that was found best for 32 rings in snow elsewhere, as DSOR that of '
         "its authors; both need the sensor's own frame. A dash: the cloud lacks what the detector "
-        f'needs (times, the origin), or it is too large for a slow peer (above {MOST:,} points '
-        'at once).' + (f' Not installed, so left out: {", ".join(absent)}.' if absent else ''),
+        'needs (times, the origin), or it is too large for a slow peer (above '
+        f'{MAX_PEER_POINTS:,} points at once).'
+        + (f' Not installed, so left out: {", ".join(absent)}.' if absent else ''),
         'F1:',
         sheet(found, everybody, '', _f1, is_best_bold=True),
         'F1 at the threshold that is best for each cloud:',
         sheet(found, everybody, '', _best),
         'Where a peer has a higher F1 than every detector and chain of ours:',
-        leads(found, ours, others),
+        leader(found, ours, others),
         'Everything, sample by sample; seconds are of the processor, for one sample, once:',
         details(found, everybody),
     )
@@ -232,7 +240,7 @@ def targets(found: Standings, name: str, others: Sequence[str] = ()) -> str:
     return table((*head, *more), rows) if rows else ''
 
 
-def leads(found: Standings, ours: Collection[str], others: Collection[str]) -> str:
+def leader(found: Standings, ours: Collection[str], others: Collection[str]) -> str:
     """Say where others have a higher F1 than the best of ours, or that none has."""
     lines = []
     for sample, rows in found.items():

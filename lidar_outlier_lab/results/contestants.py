@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
-RADIUS, FEWEST = 0.5, 3  # the defaults of sor.statistic: radius
-MOST = 300_000  # points of one cloud that slow peers are given
+RADIUS, MIN_NEIGHBOURS = 0.5, 3  # the defaults of sor.statistic: radius
+MAX_PEER_POINTS = 300_000  # points of one cloud that slow peers are given
 
 
 class Judgement(NamedTuple):
@@ -160,11 +160,11 @@ def peers() -> tuple[Contestant, ...]:
     if has_open3d():
         found += [
             peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
-            peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
+            peer(f'Open3D radius({MIN_NEIGHBOURS}, {RADIUS})', _open3d_radius, MAX_PEER_POINTS),
         ]
     if find_spec('sklearn') is not None:
         name = f'scikit-learn LOF({NEIGHBOURS}) > {FACTOR}'
-        found.append(peer(name, _sklearn_lof, MOST))
+        found.append(peer(name, _sklearn_lof, MAX_PEER_POINTS))
     return tuple(found)
 
 
@@ -180,7 +180,7 @@ def _open3d_sor(xyz: NDArray[np.float64]) -> Judgement:
 
 
 def _open3d_radius(xyz: NDArray[np.float64]) -> Judgement:
-    kept = open3d_cloud(xyz).remove_radius_outlier(FEWEST, RADIUS)[1]
+    kept = open3d_cloud(xyz).remove_radius_outlier(MIN_NEIGHBOURS, RADIUS)[1]
     return Judgement(rejected_but(kept, len(xyz)), None)
 
 

@@ -19,7 +19,7 @@ from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.tuning.training import Training, from_file
 from lidar_outlier_lab.results.contest import Standing, score
-from lidar_outlier_lab.results.contest_page import details, leads
+from lidar_outlier_lab.results.contest_page import details, leader
 from lidar_outlier_lab.results.contestants import DEFAULT, OURS, peers
 from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table
 from lidar_outlier_lab.results.samples import Sample
@@ -94,7 +94,7 @@ def _labelled(folder: Path, progress: Progress) -> str:
         f'least {percent(LEAST_FOUND)} found and at most {percent(MOST_LOST)} lost. It is reached '
         f'by: {"; ".join(reached) if reached else "none"}.',
         'Where others have a higher F1 than the default:',
-        leads(found, [DEFAULT], [one.name for one in everybody if one.name != DEFAULT]),
+        leader(found, [DEFAULT], [one.name for one in everybody if one.name != DEFAULT]),
         details(found, [one.name for one in everybody]),
     )
 

@@ -267,16 +267,16 @@ def make_sweeps(
     progress : is called before every sensor: how many of how many are done, and of what
 
     """
-    wanted, total = {*train_on}, len(recordings) + len(scanners) + len(STREETS)
+    requested, total = {*train_on}, len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
-        sweeps += recorded_sweeps(sensor, clouds, seed, trains='recordings' in wanted)
-    simulated = scanners if 'streets' in wanted else {}
+        sweeps += recorded_sweeps(sensor, clouds, seed, trains='recordings' in requested)
+    simulated = scanners if 'streets' in requested else {}
     for number, (sensor, scanner) in enumerate(simulated.items(), len(recordings)):
         progress(number, total, f'streets for {sensor}')
         sweeps += simulated_sweeps(sensor, scanner, seed)
     for number, name in enumerate(STREETS, len(recordings) + len(scanners)):
         progress(number, total, name)
-        sweeps += street_sweeps(name, trains='streets' in wanted)
+        sweeps += street_sweeps(name, trains='streets' in requested)
     return sweeps

@@ -193,8 +193,8 @@ def _pass(
         some = [table for number, table in drawn.items() if seen[number].sweep.sensor not in fold]
         trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
         for number, one in enumerate(seen):
-            wanted = one.sweep.judged or (one.trains and not again)
-            if one.sweep.sensor in fold and wanted:
+            requested = one.sweep.judged or (one.trains and not again)
+            if one.sweep.sensor in fold and requested:
                 values = window_features(one.prepared, before[number])
                 results[number] = judge_pass(trees, values, before[number], DOUBTFUL)
     progress(done + len(folds), steps, 'with every sensor')

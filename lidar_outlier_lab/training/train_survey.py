@@ -31,9 +31,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     VERSION,
     add_up,
 )
+from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene

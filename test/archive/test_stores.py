@@ -218,7 +218,7 @@ def test_two_runs_at_once(
             task, job = given[1], given[0]
             from lidar_outlier_filter.archive.run import attempt  # noqa: PLC0415
 
-            attempt(task, job, jobs.wanted(task, job), bool, str)
+            attempt(task, job, jobs.expected_record(task, job), bool, str)
             monkeypatch.setattr(jobs.Job, 'make', other)
         return made
 

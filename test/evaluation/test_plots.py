@@ -32,8 +32,8 @@ def pixels(path: Path) -> list[int]:
     """Count the pixels near each of the first three colours of a picture."""
     with Image.open(path) as image:
         shown = np.asarray(image.convert('RGB')).reshape(-1, 3).astype(np.int64)
-    wanted = [[int(one[i : i + 2], 16) for i in (1, 3, 5)] for one in plots.COLOURS[:3]]
-    return [int((np.abs(shown - value).max(axis=1) < 24).sum()) for value in wanted]
+    requested = [[int(one[i : i + 2], 16) for i in (1, 3, 5)] for one in plots.COLOURS[:3]]
+    return [int((np.abs(shown - value).max(axis=1) < 24).sum()) for value in requested]
 
 
 @pytest.mark.parametrize('draw', [plots.draw_roc, plots.draw_precision_recall])

@@ -42,7 +42,7 @@ def loaded(path: Path, *columns: str, timed: bool = True, **values: Any) -> Load
 
 
 @pytest.mark.parametrize(
-    ('names', 'wanted', 'expected'),
+    ('names', 'requested', 'expected'),
     [
         ('z,w,y,x', '', 'x,y,z'),
         ('X,Y,Z', '', 'X,Y,Z'),
@@ -56,11 +56,13 @@ def loaded(path: Path, *columns: str, timed: bool = True, **values: Any) -> Load
         ('a,b,c', 'a,x', 'got the columns a, b, c'),
     ],
 )
-def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> None:
+def test_coordinates(tmp_path: Path, names: str, requested: str, expected: str) -> None:
     """Named columns, or x, y and z in any order and case; others are refused by name."""
     path = table(tmp_path, f'{names}\n' + ','.join('1234'[: names.count(',') + 1]) + '\n')
     try:
-        found = ','.join(choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ()))
+        found = ','.join(
+            choose_coordinates(open_cloud(path), requested.split(',') if requested else ())
+        )
     except CloudError as err:
         found = str(err)
     assert found.endswith(expected)

@@ -203,7 +203,7 @@ def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(open_cloud(path)) == COUNT
 
 
-MOST = 300  # MB more than before a file is opened
+MAX_GROWTH_MB = 300  # MB more than before a file is opened
 # Opens a file, reads its numbers and copies it; prints what was wrong, and the memory that it took.
 PROGRAM = """
 import resource, sys
@@ -237,7 +237,7 @@ def opened(path: Path) -> str:
         [sys.executable, '-c', PROGRAM, str(path)], capture_output=True, text=True, check=True
     )
     said, more = done.stdout.splitlines()
-    assert int(more) < MOST
+    assert int(more) < MAX_GROWTH_MB
     return said
 
 

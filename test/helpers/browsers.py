@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser, Page
 
-PATIENCE = 300_000  # milliseconds, of a machine with much other work
+TIMEOUT = 300_000  # milliseconds, of a machine with much other work
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 # Software draws; and nothing but the page is fetched, not by the browser itself either.
 OPTIONS = (
@@ -51,5 +51,5 @@ def chromium() -> Iterator[Browser]:
 def new_tab(browser: Browser, **options: Any) -> Page:
     """Open an empty tab in a context of its own; it waits as long as a busy machine takes."""
     page = browser.new_context(**options).new_page()
-    page.set_default_timeout(PATIENCE)
+    page.set_default_timeout(TIMEOUT)
     return page

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import psutil
 
 from helpers.archives import SIGNALLING
-from helpers.programs import PATIENCE, Program
+from helpers.programs import TIMEOUT, Program
 
 if TYPE_CHECKING:
     import signal
@@ -61,4 +61,4 @@ def survivors(numbers: Iterable[int]) -> list[psutil.Process]:
     for number in numbers:
         with suppress(psutil.NoSuchProcess):
             found.append(psutil.Process(number))
-    return psutil.wait_procs(found, timeout=PATIENCE)[1]
+    return psutil.wait_procs(found, timeout=TIMEOUT)[1]

@@ -138,8 +138,8 @@ def next_status(program: Program) -> dict[str, Any]:
 def clouds(recording: Path) -> list[bytes]:
     """Read the clouds of a recording as they are serialised in ROS 2."""
     with AnyReader([recording]) as reader:
-        wanted = [item for item in reader.connections if item.msgtype == CLOUD]
-        return [bytes(data) for _, _, data in reader.messages(wanted)]
+        requested = [item for item in reader.connections if item.msgtype == CLOUD]
+        return [bytes(data) for _, _, data in reader.messages(requested)]
 
 
 @contextmanager
@@ -254,8 +254,11 @@ def _diagnose() -> None:
 def _filter() -> int:
     def look_at(node: OutlierFilterNode) -> None:
         def look() -> None:
-            ways = node.channels
-            if all(way.worker.ready.is_set() and all(way.publisher.requested) for way in ways):
+            channels = node.channels
+            if all(
+                channel.worker.ready.is_set() and all(channel.publisher.requested)
+                for channel in channels
+            ):
                 timer.cancel()
                 _say('filters')
 

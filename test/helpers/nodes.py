@@ -23,7 +23,7 @@ from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.live import KEEP_ALL, new_domain
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
@@ -98,14 +98,14 @@ class Ros:
 
     def wait(self, future: Future) -> Any:
         """Serve until there is a result."""
-        self.executor.spin_until_future_complete(future, PATIENCE)
+        self.executor.spin_until_future_complete(future, TIMEOUT)
         assert future.done()
         return future.result()
 
     def parameters(self) -> AsyncParameterClient:
         """Reach the parameters of the node through its services."""
         services = AsyncParameterClient(self.client, NODE_NAME)
-        assert services.wait_for_services(PATIENCE)
+        assert services.wait_for_services(TIMEOUT)
         return services
 
     def set(self, **values: object) -> list[str]:
@@ -121,30 +121,30 @@ class Ros:
     def call(self, kind: Any, name: str, request: Any, namespace: str = '') -> Any:
         """Call one of the node's own services, and return the response."""
         client = self.client.create_client(kind, f'{namespace}/{NODE_NAME}/{name}')
-        assert client.wait_for_service(PATIENCE)
+        assert client.wait_for_service(TIMEOUT)
         return self.wait(client.call_async(request))
 
-    def wait_for_message(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
+    def wait_for_message(self, kind: Any, topic: str, requested: Callable[[Any], bool]) -> Any:
         """Serve until a message comes that is wanted, and return it; those before it are gone."""
         if topic not in self._received:
             received = self._received[topic] = deque()
             # rclpy does not take a method of C.
             listen = lambda msg: received.append(msg)  # noqa: E731, PLW0108
             self.client.create_subscription(kind, topic, listen, KEEP_ALL)
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while time.monotonic() < end:
             while self._received[topic]:
                 msg = self._received[topic].popleft()
-                if wanted(msg):
+                if requested(msg):
                     return msg
             self.executor.spin_once(0.05)
         raise AssertionError(f'nothing on {topic} was as wanted')
 
-    def diagnosis(self, wanted: Callable[[Diagnosis], bool] = bool) -> Diagnosis:
+    def diagnosis(self, requested: Callable[[Diagnosis], bool] = bool) -> Diagnosis:
         """Serve until the diagnostics of the (first) filter are as wanted, and return them."""
 
         def is_wanted(msg: DiagnosticArray) -> bool:
-            return wanted(Diagnosis(msg.status[0]))
+            return requested(Diagnosis(msg.status[0]))
 
         return Diagnosis(
             self.wait_for_message(DiagnosticArray, '/diagnostics', is_wanted).status[0]
@@ -203,7 +203,7 @@ class Sensor:
         """Serve until the topics of both sides are connected, all three, and kernels are ready."""
         self._ros.wait(self._matched)
         channel = node.channels[0] if isinstance(node, OutlierFilterNode) else node
-        assert channel.worker.ready.wait(PATIENCE)
+        assert channel.worker.ready.wait(TIMEOUT)
         publishers = (channel.publisher.cleaned, channel.publisher.outliers)
         # The filter's side knows of the sensor later than the sensor of the filter, and what it
         # does not know of it does not receive: it does not ask for clouds again.
@@ -228,14 +228,14 @@ class Sensor:
 
 def receive(channel: Channel, msg: PointCloud2) -> None:
     """Let a channel that filters receive a cloud, as from the middleware."""
-    assert channel.worker.ready.wait(PATIENCE)
+    assert channel.worker.ready.wait(TIMEOUT)
     channel.receiver.take(serialize_message(msg))
 
 
 def wait_for_kernels(node: OutlierFilterNode) -> None:
     """Wait until a node that is started filters."""
     for channel in node.channels:
-        assert channel.worker.ready.wait(PATIENCE)
+        assert channel.worker.ready.wait(TIMEOUT)
 
 
 def wait_for_thread(node: OutlierFilterNode) -> None:
@@ -243,7 +243,7 @@ def wait_for_thread(node: OutlierFilterNode) -> None:
     for channel in node.channels:
         done = threading.Event()
         channel.worker.inbox.order(done.set, in_turn=True)
-        assert done.wait(PATIENCE)
+        assert done.wait(TIMEOUT)
 
 
 def hold_up(node: OutlierFilterNode) -> threading.Event:
@@ -252,10 +252,10 @@ def hold_up(node: OutlierFilterNode) -> threading.Event:
 
     def wait() -> None:
         begun.set()
-        assert go_on.wait(PATIENCE)
+        assert go_on.wait(TIMEOUT)
 
     node.channels[0].worker.inbox.order(wait)
-    assert begun.wait(PATIENCE)
+    assert begun.wait(TIMEOUT)
     return go_on
 
 

@@ -54,7 +54,7 @@ NOT_RUN: Mapping[str, str] = {
     '~/recordings/bin/': 'needs the network',
     '~/lidar/bin/': 'needs the network',
     'scripts/': 'runs everything, or for hours; test_scripts.py runs the scripts',
-    'lidar-outlier-filter clean street.csv --chain lonely': 'test_installed.py runs the like',
+    'lidar-outlier-filter clean street.csv --chain isolated': 'test_installed.py runs the like',
     'lidar-outlier-filter replay s3://': 'needs a store and a cluster',
     'lidar-outlier-filter train ': 'takes an hour',
     'lidar-outlier-filter results ': 'takes half an hour',

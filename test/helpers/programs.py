@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Seconds until what a test waits for is given up; reached in failures only. Kernels take minutes
 # to compile beside other work. A little less than the time-out of a test: that says where it was.
-PATIENCE = 540.0
+TIMEOUT = 540.0
 
 
 class Program:
@@ -49,14 +49,14 @@ class Program:
             self._lines.put(line.rstrip('\n'))
         self._lines.put(None)
 
-    def wait_for(self, text: str, patience: float = PATIENCE) -> str:
+    def wait_for(self, text: str, patience: float = TIMEOUT) -> str:
         """Wait for the next line with this text in it, and return it."""
         for line in self._rest(patience):
             if text in line:
                 return line
         raise AssertionError(f'ended without {text!r}:\n' + '\n'.join(self.output))
 
-    def _rest(self, patience: float = PATIENCE) -> Iterator[str]:
+    def _rest(self, patience: float = TIMEOUT) -> Iterator[str]:
         end = time.monotonic() + patience
         while True:
             try:
@@ -87,7 +87,7 @@ class Program:
         """Wait for its end; return the exit status. All it said is in ``output`` then."""
         for _ in self._rest():
             pass
-        return self._process.wait(PATIENCE)
+        return self._process.wait(TIMEOUT)
 
     @property
     def pid(self) -> int:

@@ -104,5 +104,5 @@ def move(page: Page, value: int) -> None:
 
 def near(image: NDArray[np.float64], colour: str) -> int:
     """Count the pixels of a colour."""
-    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    return int((np.abs(image - wanted).max(axis=2) < 24).sum())
+    requested = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return int((np.abs(image - requested).max(axis=2) < 24).sum())

@@ -59,7 +59,7 @@ def prove(  # noqa: PLR0913  all that it depends on
     learnt: Training,
     unseen: Training,
     start: FilterParameters,
-    wanted: Asked,
+    requested: Asked,
     every: int = EVERY,
     progress: Progress = lambda _done, _total, _what: None,
 ) -> Proof:
@@ -69,15 +69,15 @@ def prove(  # noqa: PLR0913  all that it depends on
     ----------
     learnt, unseen : points whose truth is known
     start : the chain and where the tuner begins
-    wanted : values to try, by parameter; of detectors that are not in the chain they are left out
+    requested : values to try, by parameter; those of detectors outside the chain are left out
     every : the exhaustive search tries each so-manieth value of the thresholds, with every
         combination of settings; of several detectors, each beside the others as tuned
     progress : see :func:`~lidar_outlier_filter.tuning.search.tune`
 
     """
     goal = Goal()
-    mine = {name: one for name, one in wanted.items() if name.partition('.')[0] in start.chain}
-    found = tune(learnt, start, goal, wanted=mine, progress=progress)
+    mine = {name: one for name, one in requested.items() if name.partition('.')[0] in start.chain}
+    found = tune(learnt, start, goal, requested=mine, progress=progress)
     tuned = run(unseen, found.parameters)
     best, runs = tuned.f1, 0
     for search in searches(start, mine):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PERIOD = 0.1  # seconds between two clouds
 RINGS, COLUMNS = 16, 256
-PATIENCE = 600.0  # seconds
+TIMEOUT = 600.0  # seconds
 RELIABLE = 'qos_overrides./points.subscription.reliability:=reliable'
 
 
@@ -133,7 +133,7 @@ class Watch:
         self._log.seek(0)
         return self._log.read()
 
-    def serve(self, until: Callable[[], bool], seconds: float = PATIENCE) -> float:
+    def serve(self, until: Callable[[], bool], seconds: float = TIMEOUT) -> float:
         """Send clouds until something is so, or some time is over; return when (monotonic)."""
         end = time.monotonic() + seconds
         while not until() and time.monotonic() < end:
@@ -147,7 +147,7 @@ class Watch:
 
     def settle(self) -> Status:
         """Send no more; wait until the node has counted all that was sent; return its counts."""
-        end, before = time.monotonic() + PATIENCE, len(self.looks)
+        end, before = time.monotonic() + TIMEOUT, len(self.looks)
         while time.monotonic() < end:
             self.executor.spin_once(0.1)
             look = self.looks[-1]
@@ -159,7 +159,7 @@ class Watch:
     def stop(self) -> int:
         """Ask the node to end; return its exit status."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(PATIENCE)
+        return self.process.wait(TIMEOUT)
 
     def _send(self) -> None:
         # A cloud that nobody is subscribed to is not sent.

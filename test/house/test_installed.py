@@ -55,12 +55,12 @@ if TYPE_CHECKING:
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128
 LIMIT = 0.3  # metres
-CHAIN = ('--chain', 'lonely', '--set', f'lonely.limit={LIMIT}')
+CHAIN = ('--chain', 'isolated', '--set', f'isolated.limit={LIMIT}')
 BROKEN = (
     'the detector broken of broken must be a declaration that can be imported, '
     "got ModuleNotFoundError: No module named 'nothing_of_this_name'"
 )
-SET = ('--set', 'chain=[lonely]', '--set', f'lonely.limit={LIMIT}')
+SET = ('--set', 'chain=[isolated]', '--set', f'isolated.limit={LIMIT}')
 
 
 @pytest.fixture(scope='module')
@@ -143,7 +143,7 @@ def test_an_archive(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
     run(env, 'replay', drives, *SET, '--jobs', '2', '--output', tmp_path / 'out')
     found = [json.loads((tmp_path / 'out' / f'{name}.json').read_text()) for name in 'ab']
     for entry in (one['archive'] for one in found):
-        assert entry['topics']['/lidar']['rejected_by'] == {'lonely': sum(expected())}
+        assert entry['topics']['/lidar']['rejected_by'] == {'isolated': sum(expected())}
         assert entry['worker'] != 'this process'
     assert widths(tmp_path / 'out' / 'b') == expected()
 
@@ -155,17 +155,17 @@ def test_the_tuner(env: dict[str, str], tmp_path: Path) -> None:
     label = np.arange(len(xyz)) >= len(xyz) - 3
     table = np.column_stack([xyz, label])
     np.savetxt(path, table, '%.17g', ',', header='x,y,z,label', comments='')
-    said = run(env, 'tune', path, *SET, '--set', 'lonely.limit=900.0', '--folds', '3')
+    said = run(env, 'tune', path, *SET, '--set', 'isolated.limit=900.0', '--folds', '3')
     values = read_yaml(tmp_path / 'a_tuned.yaml')
-    assert values['chain'] == ['lonely']
-    assert 0.1 < float(str(values['lonely.limit'])) < 3
-    assert 'lonely.limit' in said
+    assert values['chain'] == ['isolated']
+    assert 0.1 < float(str(values['isolated.limit'])) < 3
+    assert 'isolated.limit' in said
 
 
 def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
     """The node has it, with nothing but a parameter."""
     env = environment() | env
-    given = (RELIABLE, 'chain:=[lonely]', f'lonely.limit:={LIMIT}', 'blocks:=message')
+    given = (RELIABLE, 'chain:=[isolated]', f'isolated.limit:={LIMIT}', 'blocks:=message')
     words = [word for one in given for word in ('-p', one)]
     with (
         collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
@@ -182,7 +182,7 @@ def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
         assert node.wait() == 0
         collecting.close()
         assert collecting.wait() == 0
-    assert any('chain lonely' in line for line in node.output)
+    assert any('chain isolated' in line for line in node.output)
     found = sorted(tmp_path.glob('outliers_*.cdr'))
     clouds = [deserialize_message(one.read_bytes(), PointCloud2) for one in found]
     assert [one.width for one in clouds] == expected()

@@ -154,8 +154,8 @@ def test_a_large_file(tmp_path: Path) -> None:
     points = scattered()
     path = tmp_path / 'cloud.csv'
     np.savetxt(path, points.xyz, '%.17g', ',', header='x,y,z', comments='')
-    wanted = ['--chain', 'toy', '--set', 'toy.limit=1.0', '--tile', '2']
-    assert main(['clean', str(path), *wanted]) == 0
+    requested = ['--chain', 'toy', '--set', 'toy.limit=1.0', '--tile', '2']
+    assert main(['clean', str(path), *requested]) == 0
     outlier, bits = columns(tmp_path / 'cloud_cleaned.csv', 'outlier', 'outlier_detectors')
     assert outlier.tolist() == naive(points.xyz, 1.0)
     assert bits[-3:].tolist() == [BIT, BIT | EXTRA, BIT | EXTRA]
@@ -167,7 +167,7 @@ def test_a_large_file(tmp_path: Path) -> None:
 def test_contributing_quotes_the_example() -> None:
     """CONTRIBUTING shows the example as it is, and names every field of a declaration."""
     text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
-    code = (EXAMPLE / 'lonely.py').read_text(encoding='utf-8').split('\n', 2)[2]
+    code = (EXAMPLE / 'isolated.py').read_text(encoding='utf-8').split('\n', 2)[2]
     assert f'```python\n{code}```\n' in text
     project = (EXAMPLE / 'pyproject.toml').read_text(encoding='utf-8')
     assert f'```toml\n{project}```\n' in text

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from naive.scan_pattern import Point, Ring
 
-LARGE, SMALLEST, MOST = 40, 6, 1000.0
+LARGE, SMALLEST, MAX_FEATURE = 40, 6, 1000.0
 Cell = tuple[int, int]  # of a return: its line, and its cell there
 
 
@@ -73,7 +73,7 @@ def predictions(rings: list[Ring], number: int, k: int, sigma: float) -> Predict
     def clipped(inverse: float, square: float) -> float:
         # Of a plane, the inverse range is a sine.
         off = (me.range * inverse - 1 + square / 2) * me.range / sigma
-        return max(min(off, MOST), -MOST)
+        return max(min(off, MAX_FEATURE), -MAX_FEATURE)
 
     for m in range(1, 6):
         a, b = _at(ring, k - m, me, 10 * ring.step), _at(ring, k + m, me, 10 * ring.step)

@@ -9,7 +9,7 @@ import math
 from statistics import median
 from typing import NamedTuple
 
-NOISE, SAME, SAME_M, MOST = 0.02, 1.5, 0.06, 1000.0
+NOISE, SAME, SAME_M, MAX_FEATURE = 0.02, 1.5, 0.06, 1000.0
 
 
 class Point(NamedTuple):
@@ -117,9 +117,9 @@ def features(
     far = sorted(math.dist(me.xyz, p.xyz) for p in own + other) + [1e6] * 5
     farthest = max([me.range, *(p.range for p in own + other)])
     return {
-        'beside': min([*(math.dist(me.xyz, p.xyz) / unit for p in other), MOST]),
-        'near3': min(sum(far[:3]) / 3 / unit, MOST),
-        'near5': min(sum(far[:5]) / 5 / unit, MOST),
+        'beside': min([*(math.dist(me.xyz, p.xyz) / unit for p in other), MAX_FEATURE]),
+        'near3': min(sum(far[:3]) / 3 / unit, MAX_FEATURE),
+        'near5': min(sum(far[:5]) / 5 / unit, MAX_FEATURE),
         'before_own': sum(p.range - me.range < -same for p in own) / max(len(own), 1),
         'behind_own': sum(p.range - me.range > same for p in own) / max(len(own), 1),
         'before_other': sum(p.range - me.range < -same for p in other) / max(len(other), 1),

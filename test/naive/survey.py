@@ -9,8 +9,8 @@ from statistics import median
 
 import numpy as np
 
-K, MOST, SOME = 8, 60, 20
-LEAST, EVEN, SMOOTH, FAR, NARROW = 1e-6, 0.02, 0.01, 1e6, 1e-6
+K, MAX_NEIGHBOURS, SOME = 8, 60, 20
+MIN_SCALE_M, EVEN, SMOOTH, FAR, NARROW = 1e-6, 0.02, 0.01, 1e6, 1e-6
 
 Position = tuple[float, float, float]
 
@@ -40,7 +40,12 @@ def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
     near = lists(xyz, K)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
     return [
-        [*_near(xyz, near, radius, p), min(radius[p] / typical, FAR), closed(near, p), *deep]
+        [
+            *_near(xyz, near, radius, p),
+            min(radius[p] / typical, FAR),
+            component_size(near, p),
+            *deep,
+        ]
         for p, deep in enumerate(depths(xyz, typical))
     ]
 
@@ -67,31 +72,31 @@ def depths(xyz: list[Position], typical: float) -> list[tuple[float, float]]:
     return found
 
 
-def closed(near: list[list[int]], p: int) -> int:
+def component_size(near: list[list[int]], p: int) -> int:
     """Return how many points steps to neighbours lead to, with the point itself; 61 at most."""
     reached, last = {p}, -1
     while len(reached) != last:
         last = len(reached)
         reached |= {o for one in reached for o in near[one]}
-    return min(len(reached), MOST + 1)
+    return min(len(reached), MAX_NEIGHBOURS + 1)
 
 
 def _near(xyz: list[Position], near: list[list[int]], radius: list[float], p: int) -> list[float]:
     others = near[p]
     distance = [math.dist(xyz[p], xyz[o]) for o in others]
     radii = [radius[o] for o in others]
-    s = median(radii) + LEAST
+    s = median(radii) + MIN_SCALE_M
     jump, jump_at = 1.0, 0
     for m in range(1, K):
-        if distance[m] / (distance[m - 1] + LEAST) > jump:
-            jump, jump_at = distance[m] / (distance[m - 1] + LEAST), m
+        if distance[m] / (distance[m - 1] + MIN_SCALE_M) > jump:
+            jump, jump_at = distance[m] / (distance[m - 1] + MIN_SCALE_M), m
     listed = sum(d <= r for d, r in zip(distance, radii, strict=True))
     reached = {*others, *(two for one in others for two in near[one])} - {p}
     off, flat, thin, upright, aside = plane(xyz, others, p)
     heights = _below(xyz, others, s, p)
     found = [
         *(distance[0] / s, sum(distance[:3]) / (3 * s), distance[-1] / s),
-        *(distance[-1] / (min(radii) + LEAST), max(radii) / s, jump, jump_at, listed),
+        *(distance[-1] / (min(radii) + MIN_SCALE_M), max(radii) / s, jump, jump_at, listed),
         *(len(reached), off / s, flat / s, off / (flat + SMOOTH * s), thin, aside, upright),
         *heights,
     ]
@@ -120,8 +125,8 @@ def plane(
     moment = (away - mean).T @ (away - mean) / len(others)
     value, vector = np.linalg.eigh(moment)
     value = np.maximum(value, 0.0)
-    thin = math.sqrt(value[1]) / (math.sqrt(value[2]) + LEAST)
-    aside = math.sqrt(mean @ mean) / (math.sqrt(np.trace(moment)) + LEAST)
+    thin = math.sqrt(value[1]) / (math.sqrt(value[2]) + MIN_SCALE_M)
+    aside = math.sqrt(mean @ mean) / (math.sqrt(np.trace(moment)) + MIN_SCALE_M)
     if value[1] > NARROW * value[2]:
         normal = vector[:, 0]
         return abs(mean @ normal), math.sqrt(value[0]), thin, abs(normal[2]), aside
@@ -132,7 +137,7 @@ def plane(
 
 def far_features(xyz: list[Position], odds: list[float], typical: float) -> list[list[float]]:
     """Return the features of each point that the second trees see, behind those of the first."""
-    near, far = lists(xyz, K), lists(xyz, MOST)
+    near, far = lists(xyz, K), lists(xyz, MAX_NEIGHBOURS)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
     found = []
     for p in range(len(xyz)):
@@ -152,14 +157,14 @@ def far_features(xyz: list[Position], odds: list[float], typical: float) -> list
 
 def scale(others: list[int], radius: list[float]) -> float:
     """Return S: the median radius of the others, the upper of two in the middle."""
-    return sorted(radius[o] for o in others)[len(others) // 2] + LEAST
+    return sorted(radius[o] for o in others)[len(others) // 2] + MIN_SCALE_M
 
 
 def _widths(xyz: list[Position], others: list[int], radius: list[float], p: int) -> list[float]:
     wide, count = scale(others, radius), len(others)
-    dense = sorted(radius[o] for o in others)[min(5, count - 1)] + LEAST
+    dense = sorted(radius[o] for o in others)[min(5, count - 1)] + MIN_SCALE_M
     twentieth = others[min(SOME, count) - 1]
-    s = median(radius[o] for o in others[:K]) + LEAST
+    s = median(radius[o] for o in others[:K]) + MIN_SCALE_M
     return [
         *(radius[p] / wide, math.dist(xyz[p], xyz[twentieth]) / wide),
         *(math.dist(xyz[p], xyz[others[-1]]) / wide, radius[p] / dense),
@@ -172,24 +177,24 @@ def _group(xyz: list[Position], others: list[int], radius: list[float], p: int) 
     wide = scale(others, radius)
     edges = []
     # The way to each point that is left: from the nearest of those that hang together.
-    ways = {o: (math.sqrt(_squared(xyz[p], xyz[o])), o) for o in others}
-    while ways:
-        edge, new = min(ways.values())
+    shortest = {o: (math.sqrt(_squared(xyz[p], xyz[o])), o) for o in others}
+    while shortest:
+        edge, new = min(shortest.values())
         edges.append(edge)
-        del ways[new]
-        for o, way in ways.items():
-            ways[o] = min(way, (math.sqrt(_squared(xyz[new], xyz[o])), o))
+        del shortest[new]
+        for o, reach in shortest.items():
+            shortest[o] = min(reach, (math.sqrt(_squared(xyz[new], xyz[o])), o))
     longest = max(edges)
     before = edges.index(longest)
     of = max(edges[:before]) if before else wide
     group = next((n for n, edge in enumerate(edges) if edge > 2 * wide), len(edges))
-    against = longest / (of + LEAST) if longest > 0 else 0.0
+    against = longest / (of + MIN_SCALE_M) if longest > 0 else 0.0
     return [edges[0] / wide, longest / wide, before, against, group]
 
 
 def _planes(xyz: list[Position], others: list[int], radius: list[float], p: int) -> list[float]:
     wide, found = scale(others, radius), []
-    for count in (SOME, MOST):
+    for count in (SOME, MAX_NEIGHBOURS):
         off, flat, *_ = plane(xyz, others[:count], p)
         found += [off / wide, flat / wide, off / (flat + SMOOTH * wide)]
     return found
@@ -199,7 +204,7 @@ def _heights(
     xyz: list[Position], others: list[int], radius: list[float], p: int, typical: float
 ) -> list[float]:
     wide, z = scale(others, radius), xyz[p][2]
-    few, many = (_below(xyz, others[:count], wide, p) for count in (SOME, MOST))
+    few, many = (_below(xyz, others[:count], wide, p) for count in (SOME, MAX_NEIGHBOURS))
     found = [*few[:2], *many[:2], *few[2:], *many[2:], wide / typical]
     found.append(sum(xyz[o][2] > z for o in others) / len(others))
     between = []

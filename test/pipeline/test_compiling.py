@@ -16,7 +16,7 @@ import pytest
 from helpers import TESTS
 from numba import njit
 
-from lidar_outlier_filter.cli.compile import _wanted
+from lidar_outlier_filter.cli.compile import _requested
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.errors import ParameterError
@@ -184,7 +184,7 @@ def test_surveys_are_compiled_once() -> None:
     """Their kernels are the same for all sensors, and `compile` makes them, too."""
     survey = parameters('boosted_trees', **{'boosted_trees.sensor': 'survey'})
     assert [share.sensors for share in shares(survey)] == [SENSORS]
-    assert survey in _wanted(None)
+    assert survey in _requested(None)
 
 
 def test_an_unknown_detector_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,13 +52,13 @@ def test_as_good_as_the_georeferenced_twin() -> None:
     moving = Moving()
     found = rejected(drive, moving.run(own, drive.odometry()))
     twin = rejected(drive, still(drive.clouds(drive.fixed)))
-    unmoved = rejected(drive, still(own))
+    without_pose = rejected(drive, still(own))
     assert moving.filter.statistics.without_pose == 0
     # Between the poses, 10 ms apart, the vehicle of the simulation does not move quite so evenly.
     assert np.count_nonzero(found != twin) <= 2
     assert f1(drive, twin) > 0.97
     assert f1(drive, found) > f1(drive, twin) - 0.002
-    assert f1(drive, unmoved) < f1(drive, twin) - 0.1
+    assert f1(drive, without_pose) < f1(drive, twin) - 0.1
 
 
 def test_what_is_published_is_what_came() -> None:

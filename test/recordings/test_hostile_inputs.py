@@ -21,7 +21,7 @@ from helpers.hostile import FORMATS, whole_file
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.cli.terminal import say
-from lidar_outlier_filter.errors import CloudError, JudgingError, RecordingError, said_by
+from lidar_outlier_filter.errors import CloudError, JudgingError, RecordingError, quote_error
 from lidar_outlier_filter.files.cloud_file import readable
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters import yaml_files
@@ -133,7 +133,7 @@ OWN = '"bytes that its format does not allow"'
 )
 def test_said_by(error: Exception, said: str) -> None:
     """Sentences of libraries on a file are quoted, others are replaced."""
-    assert re.fullmatch(said, said_by(error))
+    assert re.fullmatch(said, quote_error(error))
     with (
         pytest.raises(CloudError, match=f'^the file x must be readable, got {said}$'),
         readable(Path('x')),

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.report.gather import Gathered
 
-MOST = 10**6
+MAX_POINTS = 10**6
 PAIR = ['sor', 'alpha_beta_gamma']
 CODES = Codes(outliers=frozenset({1}), ignored=frozenset({9}))
 
@@ -95,7 +95,7 @@ def test_steps_that_scores_do_not_determine_are_judged(
 ) -> None:
     """Where every score is as close to a limit as rounding, the counts are the same."""
     monkeypatch.setattr(steps, 'ROUNDING', 10.0)
-    judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+    judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MAX_POINTS)
     assert np.array_equal(judged.points['bits'], found.points['bits'])
     for one, other in zip(judged.counts[0], found.counts[0], strict=True):
         assert (one.points, one.bad, one.good) == (other.points, other.bad, other.good)
@@ -109,7 +109,7 @@ def test_steps_of_a_chain(tmp_path: Path, chain: list[str], vote: int) -> None:
     snow = tmp_path / 'snow'
     record(replace(snow_drive(), lines=1), snow, lines_per_message=1)
     values = {'chain': chain, 'vote': vote}
-    found = gather(RecordedSource(snow, FilterParameters().changed(values)), CAUSES, MOST)
+    found = gather(RecordedSource(snow, FilterParameters().changed(values)), CAUSES, MAX_POINTS)
     assert [slider.detector for slider in found.sliders] == chain
     for number, slider in enumerate(found.sliders):
         for step in (0, len(slider.values) - 1):
@@ -199,13 +199,15 @@ def test_moved_points(tmp_path: Path) -> None:
     """Steps count what replays reject, also of clouds without poses; labels come from files."""
     recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
     parameters = FilterParameters().changed(REPLAYED)
-    found = gather(RecordedSource(recorded.bag, parameters, files=recorded.files), ALL_BUT_0, MOST)
+    found = gather(
+        RecordedSource(recorded.bag, parameters, files=recorded.files), ALL_BUT_0, MAX_POINTS
+    )
     (slider,) = found.sliders
     for step in (0, slider.given, len(slider.values) - 1):
         changed = {**REPLAYED, slider.name: slider.values[step]}
         assert found.counts[0][step].points == replayed(recorded.bag, tmp_path / str(step), changed)
     assert found.all.bad == np.count_nonzero(recorded.drive.wrong)
-    assert (found.found.moved, found.found.unmoved) == (True, 3)
+    assert (found.found.moved, found.found.without_pose) == (True, 3)
     assert found.frames.together
     # The path of the sensor: where the first point of each cloud was measured from.
     clouds = RecordedClouds(recorded.bag, parameters, with_eyes=True)
@@ -214,7 +216,7 @@ def test_moved_points(tmp_path: Path) -> None:
     assert len(header(found)['path']) == len(eyes) == 3
     few = RecordedSource(recorded.bag, parameters, files=recorded.files[:-1])
     with pytest.raises(RecordingError, match='files with labels'):
-        gather(few, ALL_BUT_0, MOST)
+        gather(few, ALL_BUT_0, MAX_POINTS)
 
 
 def test_gaps_and_refused_clouds(tmp_path: Path) -> None:
@@ -228,7 +230,7 @@ def test_gaps_and_refused_clouds(tmp_path: Path) -> None:
         for time, data in zip(times, clouds, strict=True):
             bag.write(topic, time, data)
     source = RecordedSource(tmp_path / 'drive', FilterParameters().changed(FAST))
-    known = gather(source, ALL_BUT_0, MOST)
+    known = gather(source, ALL_BUT_0, MAX_POINTS)
     shown = header(known)
     (counted,) = describe_recording(tmp_path / 'drive').topics.values()
     (topic_report,) = replay(tmp_path / 'drive', tmp_path / 'out', parameters=FAST).topics
@@ -333,7 +335,7 @@ def test_a_file(tmp_path: Path) -> None:
     xyz[8] = np.nan
     path = tmp_path / 'floor.xyz'
     np.savetxt(path, xyz, '%.4f', header='x y z', comments='')
-    found = gather(FileSource(path, FilterParameters(), truth=(path, '')), ALL_BUT_0, MOST)
+    found = gather(FileSource(path, FilterParameters(), truth=(path, '')), ALL_BUT_0, MAX_POINTS)
     assert found.parameters.chain == ('boosted_trees',)
     assert found.found.invalid == 1
     assert found.points['rejected'][found.points['index'] == 7].all()
@@ -374,8 +376,8 @@ def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert str(page) in said.out
     text = page.read_text(encoding='utf-8')
     assert text.count('</script>') == text.count('<script')
-    wanted = {'map.svg', 'map.png', 'over_time.svg', 'scores.png', 'roc.svg', 'thresholds.svg'}
-    assert wanted <= {path.name for path in folder.iterdir()}
+    requested = {'map.svg', 'map.png', 'over_time.svg', 'scores.png', 'roc.svg', 'thresholds.svg'}
+    assert requested <= {path.name for path in folder.iterdir()}
     assert main([*arguments, *options]) == 1
     assert main(['report', str(snow), '--points', '0', '--output', str(tmp_path / 'x')]) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ['figures', 'report.html']

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
-PATIENCE = 120.0  # seconds; reached in failures only
+TIMEOUT = 120.0  # seconds; reached in failures only
 DIGITS = '9' * 5000
 DEEP = '[' * 60_000
 KNOWN = {200, 400, 403, 404, 413, 414, 431, 501, 505}
@@ -63,7 +63,7 @@ class Page(NamedTuple):
     def ask(self, request: str, *, ended: bool = True) -> bytes:
         """Send characters as bytes; return all that comes back until the server has done."""
         address = ('127.0.0.1', self.server.port)
-        with closing(socket.create_connection(address, PATIENCE)) as connection:
+        with closing(socket.create_connection(address, TIMEOUT)) as connection:
             # Who is refused may find the door shut before all was said.
             with suppress(OSError):
                 connection.sendall(request.encode('latin-1'))
@@ -114,7 +114,7 @@ def test_a_stranger_is_refused(page: Page, target: str, method: str) -> None:
 def test_a_stranger_is_refused_before_he_has_said_all(page: Page) -> None:
     """The answer does not wait for content that never comes."""
     head = 'POST /set?token=x HTTP/1.1\r\n' + page.headers('Content-Length: 5')
-    with closing(socket.create_connection(('127.0.0.1', page.server.port), PATIENCE)) as stranger:
+    with closing(socket.create_connection(('127.0.0.1', page.server.port), TIMEOUT)) as stranger:
         stranger.sendall(head.encode())
         assert stranger.recv(1 << 16).startswith(b'HTTP/1.1 403 ')
 
@@ -177,9 +177,9 @@ def test_connections_are_bounded(page: Page) -> None:
             for _ in range(3 * MAX_CONNECTIONS)
         ]
         for stranger in strangers[: 2 * MAX_CONNECTIONS]:
-            stranger.settimeout(PATIENCE)
+            stranger.settimeout(TIMEOUT)
             assert stranger.recv(1) == b''
-        end = time.monotonic() + PATIENCE  # the threads of closed connections are about to end
+        end = time.monotonic() + TIMEOUT  # the threads of closed connections are about to end
         while threading.active_count() > before + MAX_CONNECTIONS:
             assert time.monotonic() < end
         friend.request('GET', status)

@@ -8,7 +8,7 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 
 from lidar_outlier_filter.ros import live_parameters
 from lidar_outlier_filter.ros.live_parameters import NodeAccess
@@ -38,7 +38,7 @@ def test_a_change_that_is_begun_is_waited_for(ros: Ros, monkeypatch: pytest.Monk
     class Impatient(Future[str]):
         def result(self, timeout: float | None = None) -> str:
             if timeout is not None:  # it runs out when the change has begun
-                assert begun.wait(PATIENCE)
+                assert begun.wait(TIMEOUT)
                 raise TimeoutError
             return super().result()
 
@@ -52,7 +52,7 @@ def test_a_change_that_is_begun_is_waited_for(ros: Ros, monkeypatch: pytest.Monk
 
     def set_slowly(values: Any) -> Any:
         begun.set()
-        assert given_up.wait(PATIENCE)
+        assert given_up.wait(TIMEOUT)
         return set_really(values)
 
     monkeypatch.setattr(node, 'set_parameters_atomically', set_slowly)

@@ -166,7 +166,7 @@ def test_pass_through(much: tuple[float, float]) -> None:
 def test_shed() -> None:
     """From half on the smoother alone, from three quarters nobody, until nothing waits."""
     waits = ((0.4, 0), (0.5, 0), (0.75, 0), (0.74, 0), (0.1, 0.89), (0.1, 0.91), (0.1, 0), (0, 0))
-    found = decide(Overload(), 'shed', *waits)
+    found = decide(Overload(), 'degrade', *waits)
     assert found == [FILTER, SHED, PASS, SHED, PASS, PASS, SHED, FILTER]
 
 

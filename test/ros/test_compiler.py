@@ -9,7 +9,7 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline import compiling
@@ -40,7 +40,7 @@ class Loading:
     def load(self, parameters: FilterParameters) -> bool:
         """Wait, and be ready."""
         self.begun.put(parameters)
-        assert self.go_on.acquire(timeout=PATIENCE)
+        assert self.go_on.acquire(timeout=TIMEOUT)
         if self.error is not None:
             raise self.error
         self.ready.append(parameters)
@@ -66,7 +66,7 @@ def test_what_is_ready_takes_over_at_once(loading: Loading) -> None:
     """In the thread that wants it."""
     loading.ready.append(FIRST)
     beside = Beside()
-    beside.want(FIRST)
+    beside.request(FIRST)
     assert beside.taken.get_nowait() == FIRST
     assert (beside.reply, beside.compiling) == ('', '')
 
@@ -75,16 +75,16 @@ def test_the_old_one_answers_until_then(loading: Loading) -> None:
     """The reply names both; before there is an old one, there is nothing to say."""
     loading.ready.append(FIRST)
     beside = Beside()
-    beside.want(SECOND)
+    beside.request(SECOND)
     assert beside.reply == ''
     assert 'sor' in beside.compiling
     loading.go_on.release()
-    assert beside.taken.get(timeout=PATIENCE) == SECOND
-    beside.want(THIRD)
+    assert beside.taken.get(timeout=TIMEOUT) == SECOND
+    beside.request(THIRD)
     assert beside.reply.startswith('quadric takes over when its kernels are ready')
     assert beside.reply.endswith('sor answers until then')
     loading.go_on.release()
-    assert beside.taken.get(timeout=PATIENCE) == THIRD
+    assert beside.taken.get(timeout=TIMEOUT) == THIRD
     beside.stop()
     assert (beside.reply, beside.compiling) == ('', '')
 
@@ -92,16 +92,16 @@ def test_the_old_one_answers_until_then(loading: Loading) -> None:
 def test_the_last_wins(loading: Loading) -> None:
     """Whatever is loaded already; what was wanted before never takes over."""
     beside = Beside()
-    for number, wanted in enumerate((FIRST, SECOND, THIRD, THIRD_STRICT)):
-        beside.want(wanted)
+    for number, requested in enumerate((FIRST, SECOND, THIRD, THIRD_STRICT)):
+        beside.request(requested)
         if number < 3:  # the last needs no other kernels than the one before
-            assert loading.begun.get(timeout=PATIENCE) == wanted
+            assert loading.begun.get(timeout=TIMEOUT) == requested
     loading.go_on.release(3)
-    assert beside.taken.get(timeout=PATIENCE) == THIRD_STRICT
+    assert beside.taken.get(timeout=TIMEOUT) == THIRD_STRICT
     loading.ready.append(FIRST)
-    beside.want(FOURTH)
-    beside.want(FIRST)  # is ready: FOURTH is not wanted any more
-    assert beside.taken.get(timeout=PATIENCE) == FIRST
+    beside.request(FOURTH)
+    beside.request(FIRST)  # is ready: FOURTH is not wanted any more
+    assert beside.taken.get(timeout=TIMEOUT) == FIRST
     loading.go_on.release()
     beside.stop()
     assert beside.taken.empty()
@@ -113,9 +113,9 @@ def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
     """It is warned of, and the first block raises it again."""
     loading.error = ValueError('no such thing')
     beside = Beside()
-    beside.want(FIRST)
+    beside.request(FIRST)
     loading.go_on.release()
-    assert beside.taken.get(timeout=PATIENCE) == FIRST
+    assert beside.taken.get(timeout=TIMEOUT) == FIRST
     assert beside.warned == ['a detector raised an error while it was compiled: no such thing']
 
 
@@ -135,8 +135,8 @@ def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(compiler, 'monotonic', lambda: next(clock))
     taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
     beside = Compiler(taken.put, said.append, said.append)
-    beside.want(FIRST)
-    assert taken.get(timeout=PATIENCE) == FIRST
+    beside.request(FIRST)
+    assert taken.get(timeout=TIMEOUT) == FIRST
     assert said[0] == 'compiling lof; clouds pass unfiltered until then'
     assert said[1] == f'{said[0]}; 1 of 3 parts took 14 s, about 28 s left'
     assert said[2] == 'one share failed'

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers.nodes import Ros, hold_up, line
 from helpers.overload import answers, send, start
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def test_large_clouds_at_the_end(ros: Ros) -> None:
     assert node.channels[0].waiting == node.channels[0].health._missed['dropped'] == 0
 
 
-@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'shed'])
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'degrade'])
 def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
     """Whatever is done with too much else: all is filtered."""
     node, sensor = start(ros, load__policy=policy)
@@ -63,7 +63,7 @@ def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> No
 
     channel._filter.advance = end_meanwhile  # type: ignore[method-assign]
     channel.worker.inbox.wake()
-    thread.join(PATIENCE)
+    thread.join(TIMEOUT)
     assert done == [True]
     assert node.channels[0].waiting == 1
     assert channel.worker.inbox.clouds == 0
@@ -105,7 +105,7 @@ def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
         ros.executor.spin_once(0.01)
     send(ros, node, sensor, 1)
     go_on.set()
-    stopping.join(PATIENCE)
+    stopping.join(TIMEOUT)
     assert not thread.is_alive()
     assert node.channels[0].waiting == node.channels[0].statistics.messages == 0
     assert channel.health._missed['dropped'] == 1

@@ -206,12 +206,12 @@ def test_who_drops_everything_is_not_well() -> None:
 def test_clouds_judged_without_poses() -> None:
     """Are complained of, those since the last look."""
     health = Health()
-    for unmoved, level in ((3, ERROR), (3, OK), (4, WARN)):
+    for without_pose, level in ((3, ERROR), (3, OK), (4, WARN)):
         for _ in range(4):
             health.received()
-        health.counted(Statistics(without_pose=unmoved))
+        health.counted(Statistics(without_pose=without_pose))
         found, message, values, _ = look(health)
-        assert (found, values['without_pose']) == (level, str(unmoved))
+        assert (found, values['without_pose']) == (level, str(without_pose))
     assert message == 'not filtered as asked: 1 judged without poses; 4 received or lost'
 
 

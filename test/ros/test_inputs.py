@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
@@ -66,7 +66,7 @@ def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
     node.channels[0].worker.inbox.order(lambda: 1 / 0)
     thread = node.channels[0].worker._thread
     assert thread is not None
-    thread.join(PATIENCE)
+    thread.join(TIMEOUT)
     receive(node.channels[1], line(0.0))
     with pytest.raises(ZeroDivisionError):
         node.finish()

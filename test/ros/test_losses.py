@@ -18,7 +18,7 @@ from lidar_outlier_filter.ros.health import (
     DROPPED,
     LOSS_PERIOD,
     LOST,
-    PASSED,
+    UNFILTERED,
     WITHOUT_POSE,
     Health,
 )
@@ -75,7 +75,7 @@ def test_what_counts() -> None:
     assert health.losses() == {
         LOST: 1,
         DROPPED: 2,
-        PASSED: 7,
+        UNFILTERED: 7,
         DEGRADED: 5,
         WITHOUT_POSE: 6,
     }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers.nodes import Ros, hold_up, line, wait_for_thread
 from helpers.overload import answers, send, start
-from helpers.programs import PATIENCE
+from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
 from lidar_outlier_filter.ros.backlog import Treatment
@@ -135,7 +135,7 @@ def test_what_passes_waits_for_nobody(ros: Ros) -> None:
 def test_shed(ros: Ros) -> None:
     """The slow detectors are off while there is too much; each cloud is tested along its line."""
     node, sensor = start(
-        ros, chain=['alpha_beta_gamma', 'sor'], load__policy='shed', sor__multiplier=0.0
+        ros, chain=['alpha_beta_gamma', 'sor'], load__policy='degrade', sor__multiplier=0.0
     )
     with held_up(node):
         send(ros, node, sensor, 7)
@@ -160,7 +160,7 @@ def test_shed(ros: Ros) -> None:
 )
 def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
     """Where the smoother alone could reject nothing, shedding is passing."""
-    node, sensor = start(ros, load__policy='shed', **parameters)
+    node, sensor = start(ros, load__policy='degrade', **parameters)
     with held_up(node):
         send(ros, node, sensor, 7)
     node.finish()
@@ -186,7 +186,7 @@ def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
     node.channels[0].worker.inbox.order(lambda: 1 / 0)
     thread = node.channels[0].worker._thread
     assert thread is not None
-    thread.join(PATIENCE)
+    thread.join(TIMEOUT)
     sensor.publish(line(0), expected=1)
     with pytest.raises(ZeroDivisionError):
         send(ros, node, sensor, 1)

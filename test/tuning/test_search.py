@@ -70,7 +70,7 @@ def chain(*names: str, **values: object) -> FilterParameters:
     return FilterParameters().changed({**BAD_START, 'chain': list(names), **others})
 
 
-def wanted(parameters: FilterParameters) -> dict[str, list[object]]:
+def requested(parameters: FilterParameters) -> dict[str, list[object]]:
     """Take the small search for the detectors of a chain."""
     mine = parameters.chain
     return {name: values for name, values in SMALL.items() if name.partition('.')[0] in mine}
@@ -78,7 +78,7 @@ def wanted(parameters: FilterParameters) -> dict[str, list[object]]:
 
 def small(data: Training, parameters: FilterParameters, goal: Goal | None = None) -> Tuned:
     """Search few settings."""
-    return tune(data, parameters, goal or Goal(), wanted=wanted(parameters))
+    return tune(data, parameters, goal or Goal(), requested=requested(parameters))
 
 
 def total(counts: np.ndarray) -> Confusion:
@@ -160,7 +160,7 @@ def test_the_start_stays_where_nothing_is_better() -> None:
     data = road(6)
     good = small(data, chain('lof')).parameters
     poor: Mapping[str, list[object]] = {'lof.min_pts': [3], 'lof.threshold': [1000.0]}
-    again = tune(data, good, Goal(), wanted=poor)
+    again = tune(data, good, Goal(), requested=poor)
     assert again.values == {}
     assert again.parameters == good
     np.testing.assert_array_equal(again.before, again.after)
@@ -170,11 +170,11 @@ def test_notes() -> None:
     """Values at an end of what was tried, and detectors that reject nothing, are named."""
     data, start = road(3), chain('alpha_beta_gamma', 'lof')
     tried: dict[str, list[object]] = {
-        **wanted(start),
+        **requested(start),
         'alpha_beta_gamma.significance': [1e-15, 1e-9, 1e-5],
         'lof.threshold': [1000.0, 2000.0, 4000.0],
     }
-    found = tune(data, start, Goal(), 2, wanted=tried)
+    found = tune(data, start, Goal(), 2, requested=tried)
     assert found.values['alpha_beta_gamma.significance'] == 1e-5
     limit, nothing = found.notes
     assert limit.startswith('alpha_beta_gamma.significance: 1.0e-05 is the largest value tried')
@@ -220,7 +220,7 @@ def test_progress() -> None:
     def note(done: int, of: int, what: str) -> None:
         calls.append((done, of, what))
 
-    tune(road(1), start, Goal(), 3, wanted=wanted(start), progress=note)
+    tune(road(1), start, Goal(), 3, requested=requested(start), progress=note)
     scores = [(i, 2, 'scores') for i in range(2)]
     assert list(dict.fromkeys(calls)) == scores + [(i, 4, 'folds') for i in range(4)]
 
@@ -230,9 +230,9 @@ def test_whole_recordings_are_left_out() -> None:
     data, start = together([road(seed, 30) for seed in (1, 2, 3)]), chain('sor')
     np.testing.assert_array_equal(fold_of_each(data, 3), np.repeat([0, 1, 2], 20))
     np.testing.assert_array_equal(fold_of_each(data, 2), np.repeat([0, 0, 1], 20))
-    found = tune(data, start, Goal(), 3, wanted=wanted(start))
+    found = tune(data, start, Goal(), 3, requested=requested(start))
     without = together([road(seed, 30) for seed in (1, 2)])
-    alone = tune(without, start, Goal(), 2, wanted=wanted(start))
+    alone = tune(without, start, Goal(), 2, requested=requested(start))
     assert found.folds[2] == alone.values
     counts = run(road(3, 30), start.changed(alone.values))
     assert total(found.held_out[40:]) == counts

@@ -122,12 +122,12 @@ def test_settings_are_all_that_are_possible() -> None:
 def test_wanted_values_replace_the_usual_ones() -> None:
     """Values for a dial, for a threshold, and for what no dial has."""
     parameters = FilterParameters().changed({'chain': ['lof']})
-    wanted: dict[str, list[object]] = {'lof.min_pts': [4, 9], 'lof.threshold': [3.0, 1.5, 2]}
-    (search,) = searches(parameters, wanted)
+    requested: dict[str, list[object]] = {'lof.min_pts': [4, 9], 'lof.threshold': [3.0, 1.5, 2]}
+    (search,) = searches(parameters, requested)
     assert search.settings == ({'lof.min_pts': 4}, {'lof.min_pts': 9})
     assert search.threshold.values == (1.5, 2.0, 3.0)
-    wanted = {'alpha_beta_gamma.sigma_floor': [0.01, 0.02], 'alpha_beta_gamma.before': [6]}
-    (search,) = searches(SMOOTHER, wanted)
+    requested = {'alpha_beta_gamma.sigma_floor': [0.01, 0.02], 'alpha_beta_gamma.before': [6]}
+    (search,) = searches(SMOOTHER, requested)
     assert {setting['alpha_beta_gamma.sigma_floor'] for setting in search.settings} == {0.01, 0.02}
     # The window's dial is gone as a whole: `after` stays as it is.
     assert {setting['alpha_beta_gamma.before'] for setting in search.settings} == {6}
@@ -143,7 +143,7 @@ def test_kept_parameters_stay() -> None:
 
 
 @pytest.mark.parametrize(
-    ('wanted', 'kept', 'sentence'),
+    ('requested', 'kept', 'sentence'),
     [
         ({'lof.k': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.k'"),
         ({'sigma_field': ['a']}, (), "must be those of alpha_beta_gamma, got 'sigma_field'"),
@@ -162,8 +162,10 @@ def test_kept_parameters_stay() -> None:
         ),
     ],
 )
-def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sentence: str) -> None:
+def test_refused_searches(
+    requested: dict[str, list[object]], kept: list[str], sentence: str
+) -> None:
     """Parameters of other detectors, and values that cannot be."""
     with pytest.raises(ParameterError) as caught:
-        searches(SMOOTHER, wanted, kept)
+        searches(SMOOTHER, requested, kept)
     assert sentence in str(caught.value)

@@ -54,19 +54,19 @@ def test_points_are_moved_as_in_a_replay(recorded: Recorded, tmp_path: Path) -> 
     np.testing.assert_array_equal(mine.rejected, expected)
     report = replay(recorded.bag, tmp_path / 'out', parameters=REPLAYED)
     assert report.topics[0].rejected == np.count_nonzero(mine.rejected)
-    assert (data.refused, data.unmoved) == (0, 0)
+    assert (data.refused, data.without_pose) == (0, 0)
     np.testing.assert_array_equal(data.bad, drive.wrong)
     still: dict[str, object] = {**REPLAYED, 'motion.source': 'none'}
-    unmoved = recorded.training(still).judge(FilterParameters().changed(still))
-    assert np.count_nonzero(unmoved.rejected != expected) > 50
+    without_pose = recorded.training(still).judge(FilterParameters().changed(still))
+    assert np.count_nonzero(without_pose.rejected != expected) > 50
 
 
 def test_clouds_without_poses_are_judged_apart(tmp_path: Path) -> None:
     """Clouds before the first pose are judged in their own frame, as in a replay."""
     recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
     data = recorded.training(REPLAYED)
-    assert data.unmoved == 3
-    assert together([data, data]).unmoved == 6
+    assert data.without_pose == 3
+    assert together([data, data]).without_pose == 6
     report = replay(recorded.bag, tmp_path / 'out', parameters=REPLAYED)
     parameters = FilterParameters().changed(REPLAYED)
     assert report.topics[0].rejected == np.count_nonzero(data.judge(parameters).rejected)

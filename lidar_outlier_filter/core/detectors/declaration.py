@@ -90,7 +90,7 @@ class Contributions(NamedTuple):
 
     Attributes
     ----------
-    way : how they were judged, of ``Explanation.ways``
+    method : how they were judged, of ``Explanation.ways``
     names : of the F features
     added : (F, M) float32
         To log-odds; to the score itself where the way is one of ``Explanation.of_score``.
@@ -99,7 +99,7 @@ class Contributions(NamedTuple):
 
     """
 
-    way: str
+    method: str
     names: tuple[str, ...]
     added: Singles
     average: Singles
@@ -113,7 +113,7 @@ class Explanation:
     ----------
     reasons : what the numbers mean that it gives as ``Scores.reason``, from 1 to 255
         They are none of those of other detectors, and never change their meaning.
-    ways : the ways in which it judges, for people; of each its features, with a few words
+    methods : the ways in which it judges, for people; of each its features, with a few words
     of_score : those whose features add up to the score; those of others add up to log-odds
     choose : of what it sees, by which parameters: the way in which it will judge
     explain : of what it saw, by which parameters, and of which points
@@ -121,7 +121,7 @@ class Explanation:
     """
 
     reasons: Mapping[int, ReasonName]
-    ways: Mapping[str, Mapping[str, str]]
+    methods: Mapping[str, Mapping[str, str]]
     of_score: Collection[str]
     choose: Callable[[DetectorInput, FilterParameters], str]
     explain: Callable[[DetectorInput, FilterParameters, Bools], Contributions]

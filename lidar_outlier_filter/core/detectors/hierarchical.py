@@ -50,8 +50,8 @@ from scipy.special import ndtri
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.neighbours.duplicates import find_places
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import find_places
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

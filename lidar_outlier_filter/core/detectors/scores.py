@@ -31,7 +31,7 @@ class Scores:
         Numbers that say why points are rejected; 0 for the others.
     scaled : bool
         Whether another threshold would divide the same statistics: nothing else depends on it.
-    way : str
+    method : str
         How the detector judged, for people, where it can do so in several ways.
 
     """
@@ -41,10 +41,10 @@ class Scores:
     passes: int = 0
     reason: NDArray[np.uint8] | None = None
     scaled: bool = False
-    way: str = ''
+    method: str = ''
 
     def take(self, part: NDArray[np.bool_]) -> Scores:
         """Choose points by a mask."""
         extra = None if self.extra is None else self.extra[part]
         reason = None if self.reason is None else self.reason[part]
-        return Scores(self.score[part], extra, self.passes, reason, self.scaled, self.way)
+        return Scores(self.score[part], extra, self.passes, reason, self.scaled, self.method)

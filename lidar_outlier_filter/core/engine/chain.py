@@ -46,7 +46,9 @@ class Chain:
         self.parameters = parameters
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
-        self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
+        self.methods: Counter[str] = (
+            Counter()
+        )  # blocks by how a detector judged, where it can choose
         self.see: Callable[..., DetectorInput] = DetectorInput
         self.tile = 0.0  # side, metres, of the tiles of detectors that judge in tiles; 0: none does
         self.slow: SaySlow | None = None  # is called while a detector takes too long
@@ -67,8 +69,8 @@ class Chain:
             verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
             self.scaled &= found.scaled
-            if found.way:
-                self.ways[found.way] += 1
+            if found.method:
+                self.methods[found.method] += 1
             # Behind the last one nobody looks at what is left.
             if parameters.vote == 0 and detector is not self._detectors[-1]:
                 rejected = found.score > 1

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
@@ -22,7 +22,7 @@ SWEEPS = 40  # of Jacobi rotations; ten are plenty
 NEGLIGIBLE = 1e-31  # of the squares of a diagonal: what is beside it is below its rounding
 
 
-@inner_kernel
+@device_function
 def eigenvalues(moment: Floats, value: Floats) -> None:
     """Write the eigenvalues, ascending: (3, lanes) (Smith 1961)."""
     lanes = moment.shape[1]
@@ -50,7 +50,7 @@ def eigenvalues(moment: Floats, value: Floats) -> None:
         value[2, lane] = mean if equal else high
 
 
-@inner_kernel
+@device_function
 def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -> None:
     """Write one unit eigenvector of each: the longest product of two rows of matrix - eigenvalue.
 
@@ -71,13 +71,13 @@ def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -
         vector[2, lane] = best[2] / length
 
 
-@inner_kernel
+@device_function
 def _longer(x: float, y: float, z: float, best: Vector) -> Vector:
     square = x * x + y * y + z * z
     return (x, y, z, square) if square > best[3] else best
 
 
-@inner_kernel
+@device_function
 def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
     """Turn a symmetric matrix into its eigenvalues, on its diagonal; vectors are the columns.
 
@@ -100,7 +100,7 @@ def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
                     _rotate(matrix, vectors, size, i, j)
 
 
-@inner_kernel
+@device_function
 def find_least(matrix: Floats, size: int) -> int:
     """Return the place of the least eigenvalue on the diagonal, the first of those that tie."""
     least = 0
@@ -110,7 +110,7 @@ def find_least(matrix: Floats, size: int) -> int:
     return least
 
 
-@inner_kernel
+@device_function
 def _rotate(matrix: Floats, vectors: Floats, size: int, i: int, j: int) -> None:
     """Turn axes i and j such that their product vanishes."""
     beside = matrix[i, j]

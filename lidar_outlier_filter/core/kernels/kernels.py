@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
-PATIENCE = 8  # looks at each value, before pivots are taken at pseudo-random indices
+MAX_LOOKS = 8  # looks at each value, before pivots are taken at pseudo-random indices
 
 Function = TypeVar('Function', bound='Callable[..., object]')
 
@@ -32,7 +32,7 @@ def kernel(function: Function) -> Function:
     return _compile(function)
 
 
-def inner_kernel(function: Function) -> Function:
+def device_function(function: Function) -> Function:
     """Compile a kernel that only other kernels call.
 
     It has no entry for Python, which takes longer to compile than many a kernel. Called by Python
@@ -62,7 +62,7 @@ class _Apart(Compiler):
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
 
-def apart_kernel(function: Function) -> Function:
+def noalias_kernel(function: Function) -> Function:
     """Compile an inner kernel that writes into no array that it has by another name, too.
 
     Nothing checks that when it runs: checks take longer than loops over a few lanes. Nor does it
@@ -108,7 +108,7 @@ def select(values: NDArray[np.float64], count: int, rank: int) -> float:
     that part little at regular steps.
     """
     low, high = 0, count - 1
-    left, drawn = PATIENCE * count, 1
+    left, drawn = MAX_LOOKS * count, 1
     while high - low > SMALL:
         a, b, c = values[low], values[(low + high) // 2], values[high]
         left -= high - low

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
 
 
-def network(count: int, wanted: range) -> Ints:
+def network(count: int, selected: range) -> Ints:
     """Return which rows to compare and swap, one pair after the other, to sort so many.
 
-    Batcher's merge exchange (Knuth 5.2.2, algorithm M), without what the ``wanted`` ranks, from 0,
-    do not depend on: the other rows are not sorted.
+    Batcher's merge exchange (Knuth 5.2.2, algorithm M), without the steps that the
+    ``selected`` ranks, from 0, do not depend on: the other rows are not sorted.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def network(count: int, wanted: range) -> Ints:
                 break
             size, remainder, distance = size // 2, step, size - step
         step //= 2
-    needed, kept = set(wanted), []
+    needed, kept = set(selected), []
     for pair in reversed(pairs):
         if not needed.isdisjoint(pair):
             needed.update(pair)
@@ -54,14 +54,14 @@ def network(count: int, wanted: range) -> Ints:
     return np.array(kept[::-1], np.int64).reshape(-1, 2)
 
 
-@inner_kernel
+@device_function
 def rows_of_singles(count: int) -> Singles:
     """Make so many rows of lanes, single precision; one kernel, because numba has one per count."""
     return np.empty((count, LANES), np.float32)
 
 
 @kernel
-def fill(points: Ints, wanted: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
+def fill(points: Ints, selected: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
     """Put the next wanted points of a range into lanes; those left over take the last one, too.
 
     Returns how many points there are, and where to go on.
@@ -69,7 +69,7 @@ def fill(points: Ints, wanted: NDArray[np.bool_], begin: int, end: int) -> tuple
     count = 0
     while begin < end and count < len(points):
         points[count] = begin
-        count += wanted[begin]
+        count += selected[begin]
         begin += 1
     if count > 0:
         points[count:] = points[count - 1]

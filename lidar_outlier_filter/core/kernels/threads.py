@@ -20,7 +20,7 @@ Result = TypeVar('Result')
 # Of glibc's mallopt (malloc.h): what is given back to the system, and what is not kept at all.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 KEPT = 1 << 29  # bytes: what is larger, or free beyond that, goes back to the system
-MOST = 256  # helpers; they are started when there is work that no idle one takes
+MAX_HELPERS = 256  # helpers; they are started when there is work that no idle one takes
 
 
 class _Helpers:
@@ -31,7 +31,7 @@ class _Helpers:
 
     def renew(self) -> None:
         """Forget the threads: a process that was forked off has none of them."""
-        self.pool = ThreadPoolExecutor(MOST, 'helper')
+        self.pool = ThreadPoolExecutor(MAX_HELPERS, 'helper')
 
 
 _helpers = _Helpers()

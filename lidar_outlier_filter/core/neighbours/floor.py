@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
-from lidar_outlier_filter.core.neighbours.places import in_parts, typical_scale
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
+from lidar_outlier_filter.core.neighbours.duplicates import in_parts, typical_scale
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
@@ -139,7 +139,7 @@ def _write_floor(
         floor[n, 0], floor[n, 1] = low, select(lows, count, 3 * (count - 1) // 4) - low
 
 
-@inner_kernel
+@device_function
 def _search(ascending: Ints, number: int) -> int:
     """Return the place of the first that is not less."""
     low, high = 0, len(ascending)
@@ -152,7 +152,7 @@ def _search(ascending: Ints, number: int) -> int:
     return low
 
 
-@inner_kernel
+@device_function
 def write_depth(
     around: Floor, x: float, y: float, z: float, feature: int, lane: int, values: Singles
 ) -> None:
@@ -172,7 +172,7 @@ def _count_low(around: Floor, xyz: Floats) -> int:
     return count
 
 
-@inner_kernel
+@device_function
 def _floor_at(around: Floor, x: float, y: float) -> tuple[float, float]:
     """Return the floor around a place, and how far apart the quartiles are there."""
     i, j = _steps(x - around.origin[0], around.side), _steps(y - around.origin[1], around.side)
@@ -180,7 +180,7 @@ def _floor_at(around: Floor, x: float, y: float) -> tuple[float, float]:
     return around.floor[place, 0], around.floor[place, 1]
 
 
-@inner_kernel
+@device_function
 def _steps(along: float, side: float) -> int:
     """Return how many columns fit into a length."""
     return int(min(max(along / side, 0.0), FARTHEST))

@@ -275,16 +275,16 @@ class Neighbourhood:
             self._given = given[:0]
         return self._sorted
 
-    def _search(self, nearest: Nearest, wanted: Bools) -> None:
+    def _search(self, nearest: Nearest, selected: Bools) -> None:
         """Write the lists of the wanted points."""
         order, xyz, tree = self._build()
         levels, leaves = tree_steps.height(tree), tree_steps.leaves(tree)
         pool.run(
             lambda i, j: tree_search.search(
-                xyz, order, tree, leaves[i:j], levels, wanted, nearest.index, nearest.tied
+                xyz, order, tree, leaves[i:j], levels, selected, nearest.index, nearest.tied
             ),
             len(leaves),
-            LEAVES * len(self) // max(int(np.count_nonzero(wanted)), 1),
+            LEAVES * len(self) // max(int(np.count_nonzero(selected)), 1),
             self._threads,
         )
 
@@ -292,11 +292,12 @@ class Neighbourhood:
         """Give the lists of this neighbourhood to one of fewer points, and mend them."""
         old, nearest = self.nearest(self._most), self._empty_lists(len(result), self._most)
         new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
-        wanted = np.empty(len(result), np.bool_)
+        selected = np.empty(len(result), np.bool_)
         self._in_threads(
-            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, wanted), self._count
+            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, selected),
+            self._count,
         )
-        result._search(nearest, wanted)
+        result._search(nearest, selected)
         return nearest
 
     def _for_walks(self, which: Ints) -> tuple[Floats, Tree, int]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 LEAF = 24  # points
 SUBTREE = 1 << 15  # points that are sorted at one go, by one thread in its own cache
 LOPSIDED = 16  # a cut that leaves less than 1/16 of the points on one side
-PATIENCE = 16  # lopsided cuts on the way to a node; then it is cut at the median
+MAX_LOPSIDED_CUTS = 16  # lopsided cuts on the way to a node; then it is cut at the median
 
 
 class Tree(NamedTuple):
@@ -116,7 +116,7 @@ def _divide(buffers: _Buffers, threads: int) -> tuple[list[list[int]], list[_Par
     """
     nodes = [[0, len(buffers.a), -1]]
     parts: list[_Part] = []
-    level = [_Part(0, 0, len(buffers.a), 0, PATIENCE)]
+    level = [_Part(0, 0, len(buffers.a), 0, MAX_LOPSIDED_CUTS)]
     while level:
         large = [part for part in level if part.last - part.first > SUBTREE]
         parts += [part for part in level if part.last - part.first <= SUBTREE]
@@ -222,13 +222,13 @@ def _prune(tree: Tree, tree_first: Ints, tree_last: Ints, xyz: Floats) -> Tree:
     return _trimmed(Tree(low, high, first, last, child), count)
 
 
-@inner_kernel
+@device_function
 def _empty_tree(nodes: int) -> Tree:
     ints = np.empty((3, nodes), np.int64)
     return Tree(np.empty((nodes, 3)), np.empty((nodes, 3)), ints[0], ints[1], ints[2])
 
 
-@inner_kernel
+@device_function
 def _trimmed(tree: Tree, count: int) -> Tree:
     """Copy the nodes that have been made, and let go of the memory for more."""
     return Tree(
@@ -260,7 +260,7 @@ def _halve(
     return _cut(a, a_index, b, b_index, first, last, low, high, patience)
 
 
-@inner_kernel
+@device_function
 def _bound(points: Floats, first: int, last: int, low: Floats, high: Floats) -> None:
     """Find the smallest box around points."""
     x0 = y0 = z0 = np.inf
@@ -273,7 +273,7 @@ def _bound(points: Floats, first: int, last: int, low: Floats, high: Floats) -> 
     high[0], high[1], high[2] = x1, y1, z1
 
 
-@inner_kernel
+@device_function
 def _cut(
     points: Floats,
     index: Index,
@@ -319,7 +319,7 @@ def _cut(
     return middle, patience
 
 
-@inner_kernel
+@device_function
 def _count_below(points: Floats, first: int, last: int, axis: int, cut: float) -> int:
     count = 0
     for i in range(first, last):
@@ -327,7 +327,7 @@ def _count_below(points: Floats, first: int, last: int, axis: int, cut: float) -
     return count
 
 
-@inner_kernel
+@device_function
 def _middle(points: Floats, first: int, last: int, axis: int, low: float) -> float:
     """Find a cut at the median, or right above the lowest points if they are more than half."""
     cut = median(points[first:last, axis].copy(), last - first)

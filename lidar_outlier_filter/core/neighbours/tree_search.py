@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.neighbours.smallest import (
     STROKE,
     SURPLUS,
@@ -70,7 +70,7 @@ def search(
     tree: Tree,
     these: Ints,
     levels: int,
-    wanted: Bools,
+    selected: Bools,
     index: Index,
     tied: Bools,
 ) -> None:
@@ -83,7 +83,7 @@ def search(
     for leaf in these:
         # Only where all coincide there is more than one batch.
         for begin in range(tree.first[leaf], tree.last[leaf], LEAF):
-            count = _pick(wanted, begin, min(begin + LEAF, tree.last[leaf]), queries)
+            count = _pick(selected, begin, min(begin + LEAF, tree.last[leaf]), queries)
             if count > 0:
                 reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
 
@@ -124,7 +124,7 @@ def search_some(
                 index[row, j] = found[which[row] - first, j]
 
 
-@inner_kernel
+@device_function
 def _each_alone(
     xyz: Floats,
     order: Ints,
@@ -143,17 +143,17 @@ def _each_alone(
             index[row, j] = buffers.best_index[j]
 
 
-@inner_kernel
-def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
+@device_function
+def _pick(selected: Bools, begin: int, end: int, queries: Ints) -> int:
     """List the wanted points of a range, and return how many there are."""
     count = 0
     for q in range(begin, end):
         queries[count] = q
-        count += wanted[q]
+        count += selected[q]
     return count
 
 
-@inner_kernel
+@device_function
 def _batch(
     xyz: Floats,
     tree: Tree,
@@ -193,7 +193,7 @@ def _batch(
     return 0.0, guess
 
 
-@inner_kernel
+@device_function
 def _round(
     xyz: Floats,
     queries: Ints,
@@ -238,7 +238,7 @@ def _round(
     return left, further, guess, total
 
 
-@inner_kernel
+@device_function
 def _around(xyz: Floats, queries: Ints, count: int) -> Bounds:
     """Return the box around some points."""
     x0 = y0 = z0 = np.inf
@@ -250,7 +250,7 @@ def _around(xyz: Floats, queries: Ints, count: int) -> Bounds:
     return x0, y0, z0, x1, y1, z1
 
 
-@inner_kernel
+@device_function
 def _collect(
     xyz: Floats, tree: Tree, home: int, box: Bounds, reach: float, k: int, buffers: Buffers
 ) -> tuple[int, int]:
@@ -287,7 +287,7 @@ def _collect(
     return count, own
 
 
-@inner_kernel
+@device_function
 def _beside(x: float, y: float, z: float, box: Bounds) -> float:
     """Return the squared distance of a point and a box, computed as :func:`gap` does."""
     dx = max(x - box[3], box[0] - x, 0.0)
@@ -296,7 +296,7 @@ def _beside(x: float, y: float, z: float, box: Bounds) -> float:
     return float((dx * dx + dy * dy) + dz * dz)
 
 
-@inner_kernel
+@device_function
 def _measure(
     near_x: Floats,
     near_y: Floats,
@@ -312,7 +312,7 @@ def _measure(
         distance[i] = (dx * dx + dy * dy) + dz * dz
 
 
-@inner_kernel
+@device_function
 def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffers) -> int:
     """Find the few candidates of point q by going through the tree from near to far."""
     x, y, z = xyz[q]
@@ -342,7 +342,7 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffer
     return count
 
 
-@inner_kernel
+@device_function
 def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
     few, few_index, best, best_index = (
@@ -368,7 +368,7 @@ def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, fl
     return kept, limit
 
 
-@inner_kernel
+@device_function
 def _write(q: int, few: int, buffers: Buffers, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
     order, index, tied, first = lists

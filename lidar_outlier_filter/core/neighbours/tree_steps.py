@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Buffers(NamedTuple):
     gaps: Floats
 
 
-@inner_kernel
+@device_function
 def make_buffers(k: int, levels: int) -> Buffers:
     """Make buffers for searches of k neighbours in a tree of so many levels."""
     floats = np.empty((6, HELD + HELD_EACH * k))
@@ -99,7 +99,7 @@ def leaves(tree: Tree) -> Ints:
     return found[:count].copy()
 
 
-@inner_kernel
+@device_function
 def gap(tree: Tree, node: int, box: Bounds) -> float:
     """Return the squared distance between a box, which may be a point, and that of a node."""
     dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
@@ -108,7 +108,7 @@ def gap(tree: Tree, node: int, box: Bounds) -> float:
     return float((dx * dx + dy * dy) + dz * dz)
 
 
-@inner_kernel
+@device_function
 def seen(tree: Tree, leaf: int, k: int) -> int:
     """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
 
@@ -119,7 +119,7 @@ def seen(tree: Tree, leaf: int, k: int) -> int:
     return int(last if last - first <= LEAF else min(last, first + k + 2))
 
 
-@inner_kernel
+@device_function
 def push(tree: Tree, node: int, box: Bounds, nodes: Ints, gaps: Floats, waiting: int) -> int:
     """Put the children of a node on the stack, the nearer one on top."""
     near = tree.child[node]

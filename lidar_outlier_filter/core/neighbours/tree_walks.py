@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 
-@inner_kernel
+@device_function
 def squared(xyz: Floats, p: int, q: int) -> float:
     """Return the squared distance of two points, in the order of operations of the search."""
     dx, dy, dz = xyz[p, 0] - xyz[q, 0], xyz[p, 1] - xyz[q, 1], xyz[p, 2] - xyz[q, 2]
@@ -39,7 +39,7 @@ def carry_over(
     end: int,
     index_out: Index,
     tied_out: Bools,
-    wanted: Bools,
+    selected: Bools,
 ) -> None:
     """Copy the lists of a range of points that are kept; their new indices are not negative.
 
@@ -55,7 +55,7 @@ def carry_over(
             other = new_index[index[q, i]]
             index_out[row, i] = other
             lost |= other < 0
-        wanted[row], tied_out[row] = lost, False
+        selected[row], tied_out[row] = lost, False
 
 
 @kernel
@@ -78,7 +78,7 @@ def list_within(
         _walk(xyz, tree, stack, which[i], limits[i], index[offsets[i] : offsets[i + 1]])
 
 
-@inner_kernel
+@device_function
 def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
     """Count the points within the limit, and list as many as ``index`` holds, in their order."""
     x, y, z = xyz[q]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.declaration import OFF, read_small
 
@@ -95,12 +95,12 @@ def _cover(
     return result
 
 
-@inner_kernel
+@device_function
 def _column(x: float, y: float) -> int:
     return int(np.floor((np.arctan2(y, x) / (2 * np.pi)) * COLUMNS)) % COLUMNS
 
 
-@inner_kernel
+@device_function
 def _range(xyz: Floats) -> float:
     return float(np.sqrt(xyz[0] * xyz[0] + xyz[1] * xyz[1] + xyz[2] * xyz[2]))
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
@@ -223,7 +223,7 @@ def _move(
     return result
 
 
-@inner_kernel
+@device_function
 def _slerp(q0: Floats, q1: Floats, share: float, result: Floats) -> None:
     """Interpolate between unit quaternions along the shorter arc (Shoemake 1985)."""
     dot = 0.0

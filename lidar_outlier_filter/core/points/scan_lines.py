@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -223,7 +223,7 @@ def _count_turns(
     return result, line, before, furthest, travel
 
 
-@inner_kernel
+@device_function
 def _wrapped(step: float) -> float:
     """Return the shorter way round; half a turn keeps its sign."""
     if step > np.pi:

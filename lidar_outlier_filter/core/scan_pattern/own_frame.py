@@ -79,8 +79,8 @@ def find_own_frame(points: Points) -> Points | None:
     rate = SECOND * turning_rate(np.arctan2(north, east), t, first)
     if not abs(rate) > 0.0:
         return None
-    passed = np.diff(t)
-    step = abs(rate) * float(np.median(passed[passed > 0])) / SECOND  # of the head, rad
+    elapsed = np.diff(t)
+    step = abs(rate) * float(np.median(elapsed[elapsed > 0])) / SECOND  # of the head, rad
     when = (points.t - start) / SECOND
     moments = np.linspace(0.0, seconds, int(np.ceil(seconds / MOMENT_S)) + 1)
     near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)

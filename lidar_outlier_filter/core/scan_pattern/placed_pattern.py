@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
                 m -= 1
 
 
-@inner_kernel
+@device_function
 def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
     if phase[a] != phase[b]:
         return bool(phase[a] < phase[b])

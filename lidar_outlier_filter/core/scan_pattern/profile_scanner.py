@@ -181,8 +181,8 @@ def _since(lines: TimedLines, period: float) -> tuple[Floats, Floats]:
 
 def _usual_step(lines: TimedLines) -> float:
     """Return the median time between two shots, ns."""
-    passed = np.diff(lines.t)
-    return float(np.median(passed[passed > 0])) if len(passed) else 0.0
+    elapsed = np.diff(lines.t)
+    return float(np.median(elapsed[elapsed > 0])) if len(elapsed) else 0.0
 
 
 def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:

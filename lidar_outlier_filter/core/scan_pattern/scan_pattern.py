@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     SAME_SHOT,
@@ -290,7 +290,7 @@ def turning_rate(azimuth: Floats, t: Ints, first: Ints) -> float:
     return median(rates, count) if count > 0 else 0.0
 
 
-@inner_kernel
+@device_function
 def _wrap(angle: float) -> float:
     return float(angle - TURN * np.rint(angle / TURN))
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 PAPER = Hierarchical()  # 99 % and 95 %, 100 points: the paper's, the last for its scans only
-LEAST = (10, 20, 50, 100, 150)  # points of a cluster that stays
+MIN_CLUSTERS = (10, 20, 50, 100, 150)  # points of a cluster that stays
 SCENES = 20
 STEPS = 3
 SLICE = 12.0  # metres to both sides of the scanner that figure 4 shows
@@ -95,7 +95,7 @@ def _least(seeds: Iterable[int]) -> str:
     """Say what the size of the least cluster does on clouds with clutter."""
     scenes = [sotoodeh_clusters.simulate(seed, cluttered=True) for seed in seeds]
     rows = []
-    for least in LEAST:
+    for least in MIN_CLUSTERS:
         how = replace(PAPER, min_cluster=least)
         counts = [
             confusion(one.outlier, hierarchical.detect(one.xyz, how).phase > 0) for one in scenes

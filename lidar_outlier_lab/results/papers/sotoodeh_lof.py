@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 FACTOR = 1.2
-MOST = (10, 20, 50)  # neighbours
+NEIGHBOUR_COUNTS = (10, 20, 50)  # neighbours
 PAPERS = 20  # of them in the paper
 CITIES = 3  # seeds of the table
 FRONT = slice(520, 920)  # columns of the room that are shown
@@ -47,7 +47,7 @@ def section(_presets: Sequence[str], seed: int, folder: Path, progress: Progress
     """Judge cities with his truth, and draw the maps of a city, a room and a street."""
     progress(0, STEPS, 'cities')
     cities = [surface_truth.city(seed + i) for i in range(CITIES)]
-    factors = [_factors(city.xyz, MOST) for city in cities]
+    factors = [_factors(city.xyz, NEIGHBOUR_COUNTS) for city in cities]
     progress(1, STEPS, 'figure 3')
     _figure_3(cities[0], factors[0][PAPERS], folder)
     progress(2, STEPS, 'figure 4')

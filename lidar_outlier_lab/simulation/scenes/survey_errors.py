@@ -53,15 +53,15 @@ def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Flo
 
     """
     cloud = _Cloud(xyz, cKDTree(xyz), xyz.min(axis=0), xyz.max(axis=0))
-    wanted = round(share * len(xyz))
+    requested = round(share * len(xyz))
     kinds = rng.dirichlet(KINDS)
     parts, causes = [np.empty((0, 3))], [np.zeros(len(xyz), np.uint8)]
     count = 0
     if rng.random() < CLOUDED:
-        parts.append(_cloud(cloud, wanted, rng))
+        parts.append(_cloud(cloud, requested, rng))
         count = len(parts[-1])
         causes.append(np.full(count, Cause.SINGLE, np.uint8))
-    while count < wanted:
+    while count < requested:
         maker = MAKERS[int(rng.choice(len(MAKERS), p=kinds))]
         start = xyz[int(rng.integers(len(xyz)))]
         spacing = max(float(cloud.tree.query(start, NEIGHBOUR + 1)[0][-1]), 1e-6)
@@ -87,9 +87,9 @@ def _is_clear(cloud: _Cloud, start: Floats, made: Floats, spacing: float, *, low
     return bool(start[2] - made[0, 2] >= NOISES * noise)
 
 
-def _cloud(cloud: _Cloud, wanted: int, rng: np.random.Generator) -> Floats:
+def _cloud(cloud: _Cloud, requested: int, rng: np.random.Generator) -> Floats:
     """Put points at all heights above surfaces, or below them as well."""
-    count = int(rng.integers(wanted // 4, wanted + 1))
+    count = int(rng.integers(requested // 4, requested + 1))
     start = cloud.xyz[rng.integers(len(cloud.xyz), size=count)]
     spacing = cloud.tree.query(start, NEIGHBOUR + 1)[0][:, -1]
     most = np.median(spacing) * _log_uniform(HIGHEST, rng)

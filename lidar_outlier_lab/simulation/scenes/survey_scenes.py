@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.neighbours.places import K
+from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 STREAM = 2309  # of random numbers, which no preset uses
-MOST = 80_000  # good points of a scene, about
+MAX_POINTS = 80_000  # good points of a scene, about
 SHARE = (1e-4, 0.02)  # of errors; none in some scenes
 FEW, SHARE_OF_FEW = 10_000, 0.15  # small clouds may have more
 CLEAN = 0.15  # share of the scenes without errors
@@ -64,7 +64,7 @@ def training_scene(seed: int) -> SurveyScene:
     name, maker = KINDS[seed % len(KINDS)]
     rng = np.random.default_rng([seed, STREAM])
     xyz, cause = maker(seed, rng)
-    if len(xyz) > 2 * MOST:
+    if len(xyz) > 2 * MAX_POINTS:
         xyz, cause = _window(xyz, cause, rng)
     if rng.random() >= CLEAN:
         most = SHARE[1] if len(xyz) > FEW else SHARE_OF_FEW
@@ -96,8 +96,8 @@ def _window(xyz: Floats, cause: Bytes, rng: np.random.Generator) -> tuple[Floats
     """Cut a stretch out of a large cloud, along its longer side on the map."""
     axis = int(np.argmax(np.ptp(xyz[:, :2], axis=0)))
     rank = np.argsort(xyz[:, axis], kind='stable')
-    begin = int(rng.integers(len(xyz) - MOST))
-    some = rank[begin : begin + MOST]
+    begin = int(rng.integers(len(xyz) - MAX_POINTS))
+    some = rank[begin : begin + MAX_POINTS]
     return xyz[some], cause[some]
 
 
@@ -147,7 +147,7 @@ def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # 
     lines = int(rng.integers(120, 300))
     how = Flight(
         lines,
-        MOST // lines,
+        MAX_POINTS // lines,
         spacing=rng.uniform(0.3, 1.6),
         height=rng.uniform(250.0, 900.0),
         steep=rng.uniform(0.0, 0.05) if houses else rng.uniform(0.05, 0.5),
@@ -179,7 +179,7 @@ def _mountains(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
 def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Match images of a country: a grid that is not quite even, rough where plants are."""
     density = np.exp(rng.uniform(*np.log((4.0, 200.0))))
-    step, rows = 1.0 / np.sqrt(density), int(np.sqrt(MOST))
+    step, rows = 1.0 / np.sqrt(density), int(np.sqrt(MAX_POINTS))
     size = (rows * step + 1.0, rows * step + 1.0)
     cell = max(step, 0.1)
     area = size[0] * size[1] / 1e4
@@ -244,7 +244,7 @@ def _inside(seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
 
 def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Measure plain things: planes, balls and tubes, evenly, in lines, or denser on one side."""
-    count = int(np.exp(rng.uniform(*np.log((2000, MOST)))))
+    count = int(np.exp(rng.uniform(*np.log((2000, MAX_POINTS)))))
     u, v = rng.random((2, count))
     if rng.random() < 0.4:  # noqa: PLR2004  some of them
         lines = int(np.sqrt(count) * rng.uniform(0.2, 1.0))

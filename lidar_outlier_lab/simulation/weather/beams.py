@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 TURN = 2.0 * np.pi
-FEWEST = 16  # returns of a ring that show its angles
+MIN_RING_POINTS = 16  # returns of a ring that show its angles
 LAG = 8  # returns, to measure how fast the head turns
 GAP = 1.5  # steps between two returns from which on a beam is missing between them
 STEADY = 0.9  # share of the returns that follow the pattern: less is none
@@ -125,8 +125,8 @@ def find_beams(  # noqa: PLR0913  the columns of a cloud
     """
     index = np.flatnonzero(valid)
     index = index[np.lexsort((t[index], ring[index]))]
-    if len(index) < FEWEST:
-        raise FilterError('the valid points of a cloud', f'at least {FEWEST}', len(index))
+    if len(index) < MIN_RING_POINTS:
+        raise FilterError('the valid points of a cloud', f'at least {MIN_RING_POINTS}', len(index))
     points = xyz[index]
     distance = np.sqrt((points * points).sum(axis=1))
     if (distance == 0).any():
@@ -177,7 +177,7 @@ class _Ring(NamedTuple):
     @property
     def turns(self) -> bool:
         """Whether its beams show how it turns."""
-        return len(self.phase) >= FEWEST and self.step > 0.0
+        return len(self.phase) >= MIN_RING_POINTS and self.step > 0.0
 
 
 class _EmptyRows(NamedTuple):
@@ -229,11 +229,13 @@ def _of_rows(ring: _Ring, rows: _EmptyRows, rate: float) -> Beams:
     order = np.lexsort((every_row, every_t))
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    known, wanted = rank[: len(ring.phase)], rank[len(ring.phase) :]
-    phase = np.interp(wanted, known, ring.phase)
-    phase += ring.step * (np.minimum(wanted - known[0], 0) + np.maximum(wanted - known[-1], 0))
+    known, requested = rank[: len(ring.phase)], rank[len(ring.phase) :]
+    phase = np.interp(requested, known, ring.phase)
+    phase += ring.step * (
+        np.minimum(requested - known[0], 0) + np.maximum(requested - known[-1], 0)
+    )
     # So many between two returns there can only be if the angle between these is as large.
-    after = np.searchsorted(known, wanted)
+    after = np.searchsorted(known, requested)
     inside = (after > 0) & (after < len(known))
     after = np.clip(after, 1, len(known) - 1)
     steps = (ring.phase[after] - ring.phase[after - 1]) / ring.step

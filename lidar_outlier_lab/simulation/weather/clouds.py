@@ -27,7 +27,7 @@ from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import choose_clouds
 from lidar_outlier_lab.simulation.presets import RETURN_NAMES
 from lidar_outlier_lab.simulation.weather import echoes, kinds
-from lidar_outlier_lab.simulation.weather.beams import FEWEST, Optics, find_beams
+from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS, Optics, find_beams
 from lidar_outlier_lab.simulation.weather.labelled_cloud import FoundPoints, LabelledCloud
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 OPTICS = Optics(aperture=0.0)  # cones from a point, as Kilic et al. (2021) have them
 SEEN = 99.0  # percent of the points that are above the noise, however dark they are
-LEAST = 2 * FEWEST  # returns of a ring that show how its sensor turns
+MIN_TURN_POINTS = 2 * MIN_RING_POINTS  # returns of a ring that show how its sensor turns
 
 
 @dataclass
@@ -110,7 +110,7 @@ class CloudWeather:
             self.counts.untouched += 1
         else:
             self._check(msg, convention)
-            if _most(points) < LEAST:
+            if _most(points) < MIN_TURN_POINTS:
                 self.counts.untouched += 1
             else:
                 self._put(msg, cloud, points, convention)
@@ -150,7 +150,7 @@ class CloudWeather:
         main, other = self._measure(beams)
         self.counts.hidden += shots.measure(main)
         if other is not None:
-            shots.measure_again(other)
+            shots.measure_second(other)
 
     def _measure(self, beams: Beams) -> tuple[WeatherEchoes, WeatherEchoes | None]:
         """Let beams go through the weather; the second return is None where there is one."""
@@ -213,7 +213,7 @@ class _WeatherShots:
         cloud.hide(beams.source[hidden])
         return int((had & (~there | (echo.cause != 0))).sum())
 
-    def measure_again(self, echo: WeatherEchoes) -> None:
+    def measure_second(self, echo: WeatherEchoes) -> None:
         """Add the second return of those beams that have one."""
         self._add(echo, np.isfinite(echo.distance))
 

@@ -143,8 +143,8 @@ def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> BothEcho
     least = surface.power if sweep.returns == 'strongest' else np.zeros(len(beams))
     where, far, echo = drops.strike(fall, optics, beams.range, least, sweep.rng)
     # Of several drops, that which is measured.
-    wanted = {'first': far, 'last': -far}.get(sweep.returns, -echo)
-    rank = np.lexsort((wanted, where))
+    requested = {'first': far, 'last': -far}.get(sweep.returns, -echo)
+    rank = np.lexsort((requested, where))
     chosen = rank[np.flatnonzero(np.diff(where[rank], prepend=-1))]
     before = echoes.nothing(len(beams))
     before.distance[where[chosen]], before.power[where[chosen]] = far[chosen], echo[chosen]

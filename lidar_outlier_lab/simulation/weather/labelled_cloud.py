@@ -141,10 +141,10 @@ class LabelledCloud:
                 self._ranges[name] = usual
         return result
 
-    def _numbers(self, wanted: tuple[str, ...]) -> list[str]:
+    def _numbers(self, requested: tuple[str, ...]) -> list[str]:
         """List those fields that are there and hold one number."""
         names = self._layout.names or ()
-        return [n for n in wanted if n in names and self._layout[n].kind in 'iuf']
+        return [n for n in requested if n in names and self._layout[n].kind in 'iuf']
 
     def dim(self, rows: Ints, share: Floats) -> None:
         """Let points keep a share of their light."""

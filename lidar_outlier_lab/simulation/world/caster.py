@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,7 +81,7 @@ def cast(
     return distance, cosine, surface, part
 
 
-@inner_kernel
+@device_function
 def _is_towards(row: Floats, o: Floats, d: Floats, reach: float, farthest: float) -> bool:
     """Return whether a ray comes within ``reach`` of a row's box before ``farthest``."""
     entry, leave = 0.0, farthest
@@ -94,7 +94,7 @@ def _is_towards(row: Floats, o: Floats, d: Floats, reach: float, farthest: float
     return bool(entry <= leave)
 
 
-@inner_kernel
+@device_function
 def _meet(row: Floats, o: Floats, d: Floats, t: float) -> Hit:  # noqa: PLR0911  one a shape
     """Meet one surface."""
     shape, p = int(row[0]), row[REST:]
@@ -115,7 +115,7 @@ def _meet(row: Floats, o: Floats, d: Floats, t: float) -> Hit:  # noqa: PLR0911 
     return _meet_crown(p, o, d)
 
 
-@inner_kernel
+@device_function
 def _meet_ground(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet a road from above: start, end, half width, crown, side (y of its middle), height."""
     start, end, half, crown = p[0], p[1], p[2], p[3]
@@ -135,7 +135,7 @@ def _meet_ground(p: Floats, o: Floats, d: Floats) -> Hit:
     return far, abs(d[2] + slope * d[1]) / np.sqrt(1.0 + slope * slope), 2
 
 
-@inner_kernel
+@device_function
 def _meet_box(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet a box from outside: its low corner and its high corner."""
     entry, leave, face = -np.inf, np.inf, 0
@@ -150,7 +150,7 @@ def _meet_box(p: Floats, o: Floats, d: Floats) -> Hit:
     return entry, abs(d[face]), face
 
 
-@inner_kernel
+@device_function
 def _meet_building(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet a box with windows, from outside.
 
@@ -181,7 +181,7 @@ def _meet_building(p: Floats, o: Floats, d: Floats) -> Hit:
     return far + deep, abs(d[face]), face + PANE
 
 
-@inner_kernel
+@device_function
 def _meet_tube(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet the outside of a tube: its foot, its axis (length one), radius, length."""
     along = lean = 0.0
@@ -206,7 +206,7 @@ def _meet_tube(p: Floats, o: Floats, d: Floats) -> Hit:
     return far, np.sqrt(disc) / p[6], ROUND
 
 
-@inner_kernel
+@device_function
 def _meet_arm(p: Floats, o: Floats, d: Floats, t: float) -> Hit:
     """Meet a swinging tube: its pivot, length, radius, angle at t = 0, rate."""
     raised = min(max(p[5] + p[6] * t, 0.0), np.pi / 2.0)
@@ -217,7 +217,7 @@ def _meet_arm(p: Floats, o: Floats, d: Floats, t: float) -> Hit:
     return _meet_tube(tube, o, d)
 
 
-@inner_kernel
+@device_function
 def _meet_ball(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet a ball from outside: centre, radius."""
     b = c = 0.0
@@ -230,7 +230,7 @@ def _meet_ball(p: Floats, o: Floats, d: Floats) -> Hit:
     return -b - np.sqrt(disc), np.sqrt(disc) / p[3], ROUND
 
 
-@inner_kernel
+@device_function
 def _meet_lid(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet a round lid from above: centre of its top, radius, height and spacing of its ribs.
 
@@ -247,7 +247,7 @@ def _meet_lid(p: Floats, o: Floats, d: Floats) -> Hit:
     return far, -d[2], 2
 
 
-@inner_kernel
+@device_function
 def mix(value: np.uint64) -> np.uint64:
     """Scramble 64 bits (the last step of SplitMix64; Steele et al. 2014, figure 17)."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -264,7 +264,7 @@ def uniform(i: int, j: int, k: int, seed: int, which: int) -> float:
     return float(state >> np.uint64(11)) * 2.0**-53
 
 
-@inner_kernel
+@device_function
 def _meet_crown(p: Floats, o: Floats, d: Floats) -> Hit:
     """Meet the leaves of an ellipsoid: centre, half axes, cell, leaf radius, share, seed.
 
@@ -300,7 +300,7 @@ def _meet_crown(p: Floats, o: Floats, d: Floats) -> Hit:
     return np.inf, 1.0, ROUND
 
 
-@inner_kernel
+@device_function
 def _meet_leaf(
     p: Floats, o: Floats, d: Floats, cell: NDArray[np.int64], radius: float
 ) -> tuple[float, float]:

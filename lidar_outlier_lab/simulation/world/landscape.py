@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.messages.truth import Kind
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _kinds(owner: NDArray[np.int64]) -> Bytes:
     return kinds.astype(np.uint8)
 
 
-@inner_kernel
+@device_function
 def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: float) -> float:
     """Height somewhere: between the four corners, or that of the nearest where owners differ."""
     u = min(max(x / cell, 0.0), field.shape[0] - 1.000001)
@@ -102,7 +102,7 @@ def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: f
     return float(field[i + (a >= 0.5), j + (b >= 0.5)])  # noqa: PLR2004  half a cell
 
 
-@inner_kernel
+@device_function
 def _owner(owner: NDArray[np.int64], cell: float, x: float, y: float) -> int:
     """Owner of the nearest corner."""
     i = int(min(max(x / cell + 0.5, 0.0), owner.shape[0] - 1.0))
@@ -139,7 +139,7 @@ def _highest(top: Floats) -> Floats:
     return highest
 
 
-@inner_kernel
+@device_function
 def _free(highest: Floats, side: float, o: Floats, d: Floats, far: float) -> float:
     """Metres that a ray may go on without meeting anything: down to what is highest, or aside."""
     x, y = o[0] + far * d[0], o[1] + far * d[1]
@@ -188,7 +188,7 @@ def _descend(  # noqa: PLR0913  a kernel takes arrays
     return distance
 
 
-@inner_kernel
+@device_function
 def _halve(  # noqa: PLR0913  a kernel takes arrays
     fields: Grids,
     cell: float,

@@ -66,8 +66,8 @@ class Puff:
         before = ndtr(-middle * pace)
         depth = whole * (ndtr((reach - middle) * pace) - before)
         sent_back = rng < -np.expm1(-depth)
-        wanted = before - np.log1p(-np.where(sent_back, rng, 0.0)) / np.maximum(whole, TINY)
-        position = middle + ndtri(np.clip(wanted, 0.0, 1.0)) / pace
+        requested = before - np.log1p(-np.where(sent_back, rng, 0.0)) / np.maximum(whole, TINY)
+        position = middle + ndtri(np.clip(requested, 0.0, 1.0)) / pace
         return np.where(sent_back, position, np.inf)
 
 

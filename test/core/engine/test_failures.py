@@ -285,7 +285,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
     node = ros.filter(parameters=SHORT)
     node.start()
     channel = node.channels[0]
-    for begin, policy in ((0.0, 'drop_oldest'), (0.1, 'pass_through'), (0.2, 'shed')):
+    for begin, policy in ((0.0, 'drop_oldest'), (0.1, 'pass_through'), (0.2, 'degrade')):
         assert ros.set(load__policy=policy) == ['']
         for msg in (far(begin), line(begin + 0.01)):
             receive(channel, msg)

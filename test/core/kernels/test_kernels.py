@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.kernels.kernels import (
-    apart_kernel,
+    device_function,
     inlined_kernel,
-    inner_kernel,
     kernel,
     median,
+    noalias_kernel,
     select,
 )
 
@@ -52,7 +52,7 @@ def test_waves(name: str) -> None:
     assert min(seconds(values) for _ in range(3)) < 10 * min(seconds(mixed) for _ in range(3))
 
 
-@inner_kernel
+@device_function
 def _double(value: float) -> float:
     return 2.0 * value
 
@@ -76,7 +76,7 @@ def test_python_cannot_call_an_inner_kernel() -> None:
         _double(1.0)
 
 
-@apart_kernel
+@noalias_kernel
 def _add_rows(rows: NDArray[np.float32], total: NDArray[np.float32]) -> None:
     for lane in range(len(total)):
         for row in range(len(rows)):

@@ -36,10 +36,10 @@ def test_networks_sort_all_zeros_and_ones(count: int) -> None:
     lane = np.arange(2**count)
     values = (lane >> np.arange(count)[:, None] & 1).astype(np.float64)
     expected = np.sort(values, axis=0)
-    for wanted in (range(count), range(1, 2), range(count // 2 - 1, count // 2 + 1)):
+    for selected in (range(count), range(1, 2), range(count // 2 - 1, count // 2 + 1)):
         result = values.copy()
-        lanes.sort(result, lanes.network(count, wanted))
-        assert_array_equal(result[wanted], expected[wanted])
+        lanes.sort(result, lanes.network(count, selected))
+        assert_array_equal(result[selected], expected[selected])
 
 
 def test_the_middle_needs_less_than_all() -> None:
@@ -51,11 +51,11 @@ def test_the_middle_needs_less_than_all() -> None:
 @pytest.mark.parametrize('size', [1, 4, 32])
 def test_fills_lanes_with_the_wanted(share: float, size: int) -> None:
     """Each wanted point once, in order; lanes that are left over repeat the last."""
-    wanted = np.random.default_rng(7).random(150) < share
+    selected = np.random.default_rng(7).random(150) < share
     begin, end, seen = 3, 141, []
     points = np.empty(size, np.int64)
     while begin < end:
-        count, begin = lanes.fill(points, wanted, begin, end)
+        count, begin = lanes.fill(points, selected, begin, end)
         seen += points[:count].tolist()
         assert_array_equal(points[count:], seen[-1:] * (size - count) if count else points)
-    assert seen == [i for i in range(3, 141) if wanted[i]]
+    assert seen == [i for i in range(3, 141) if selected[i]]

@@ -68,7 +68,7 @@ def test_the_caller_is_one_of_them(
 def test_threads_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hundred calls start no hundred threads; the pool is new, so nobody else's are counted."""
     barrier = threading.Barrier(2)
-    monkeypatch.setattr(threads._helpers, 'pool', ThreadPoolExecutor(threads.MOST))
+    monkeypatch.setattr(threads._helpers, 'pool', ThreadPoolExecutor(threads.MAX_HELPERS))
     known = {ident for _ in range(100) for ident in threads.run(_meet(barrier), 2, 1, 2)}
     assert len(known) < 20
 

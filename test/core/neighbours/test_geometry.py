@@ -116,9 +116,9 @@ def test_lines_are_sorted(kind: str) -> None:
         expected += sorted(
             range(low, high), key=lambda k: (phase[k], distance[order[k]], *xyz[order[k]])
         )
-    wanted = phase[expected], up[expected], order[expected]
+    selected = phase[expected], up[expected], order[expected]
     sort_lines(lines, 0, 3, phase, up)
-    for found, right in zip((phase, up, lines.order), wanted, strict=True):
+    for found, right in zip((phase, up, lines.order), selected, strict=True):
         assert found.tolist() == right.tolist()
 
 

@@ -474,19 +474,19 @@ def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     near, far = scattered(rng, 500), scattered(rng, 500) + 1000
     neighbourhood = Neighbourhood(np.concatenate([near, far]), 10)
     neighbourhood.nearest(10)
-    wanted: list[NDArray[np.bool_]] = []
+    selected: list[NDArray[np.bool_]] = []
     search = Neighbourhood._search
 
     def watched(self: Neighbourhood, nearest: Nearest, these: NDArray[np.bool_]) -> None:
-        wanted.append(these)
+        selected.append(these)
         search(self, nearest, these)
 
     monkeypatch.setattr(Neighbourhood, '_search', watched)
     rejected = np.arange(1000) == 7
     left = neighbourhood.without(rejected)
     left.nearest(10)
-    assert len(wanted) == 1
-    searched = left.order[wanted[0]]
+    assert len(selected) == 1
+    searched = left.order[selected[0]]
     index, _ = lists(neighbourhood, 10)
     held = np.flatnonzero((index == 7).any(axis=1))
     assert_array_equal(np.sort(searched), held - (held > 7))

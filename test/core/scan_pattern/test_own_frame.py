@@ -72,9 +72,9 @@ def test_trees_judge_what_others_moved() -> None:
     own, given = turn_of_a_head(), moved(turn_of_a_head())
     method, _ = choose(DetectorInput(given, parameters, 20), parameters)
     assert method is Method.PATTERN
-    wanted, found = (Chain(parameters).judge(points).rejected for points in (own, given))
-    assert np.count_nonzero(wanted) > 100
-    assert np.mean(wanted != found) < 0.001
+    selected, found = (Chain(parameters).judge(points).rejected for points in (own, given))
+    assert np.count_nonzero(selected) > 100
+    assert np.mean(selected != found) < 0.001
 
 
 def test_order_does_not_matter() -> None:

@@ -231,9 +231,9 @@ def test_files(real_data: Path, tmp_path: Path) -> None:
     reports = []
     for side in (0.0, 5.0):
         outputs = [tmp_path / f'{side:.0f}{name}.ply' for name in ('', '_outliers')]
-        wanted = CleanOptions(SEPARATE, tile=side)
+        selected = CleanOptions(SEPARATE, tile=side)
         reports.append(
-            clean_file(path, outputs[0], FilterParameters(), wanted, outliers=outputs[1])
+            clean_file(path, outputs[0], FilterParameters(), selected, outliers=outputs[1])
         )
     assert [report.rings for report in reports] == [32, 32]
     assert json.loads((tmp_path / '0.ply.json').read_text())['rings'] == 32

@@ -194,8 +194,8 @@ def test_where_others_are_better() -> None:
     """It is said where another leads the default, or the best of ours."""
     chain, best = record('chain', (8, 2, 0, 90)), record('peer', (9, 1, 0, 90))
     found = standings([record(DEFAULT, (5, 5, 0, 90)), chain, best])
-    worse = contest_page.leads(found, [DEFAULT], ['peer'])
+    worse = contest_page.leader(found, [DEFAULT], ['peer'])
     assert worse == '* leslar-b: default 0.667; peer 0.947'
-    beaten = contest_page.leads(found, [DEFAULT, 'chain'], ['peer'])
+    beaten = contest_page.leader(found, [DEFAULT, 'chain'], ['peer'])
     assert beaten == '* leslar-b: chain 0.889; peer 0.947'
-    assert contest_page.leads(found, [DEFAULT], []) == 'Nowhere in this run.'
+    assert contest_page.leader(found, [DEFAULT], []) == 'Nowhere in this run.'

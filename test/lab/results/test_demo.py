@@ -94,8 +94,8 @@ def test_pictures(made: tuple[Path, str], name: str) -> None:
         assert image.size == (1400, 900)
     # The last is in the key at least: the default loses hardly any.
     for colour, fewest in ((picture.FOUND, 200), (picture.LEFT, 200), (picture.LOST, 50)):
-        wanted = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-        near = np.abs(pixels - wanted).max(axis=1) < 24
+        requested = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+        near = np.abs(pixels - requested).max(axis=1) < 24
         assert near.sum() > fewest
     grey = (np.ptp(pixels, axis=1) < 12) & (pixels[:, 0] < 220)
     assert grey.sum() > 20_000

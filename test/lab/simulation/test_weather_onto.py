@@ -25,7 +25,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_lab.simulation.presets import WEATHER_NAMES
-from lidar_outlier_lab.simulation.weather.beams import FEWEST
+from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS
 from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
 from lidar_outlier_lab.simulation.weather.labelled_cloud import LabelledCloud
 from lidar_outlier_lab.simulation.world.recording import to_message
@@ -140,7 +140,7 @@ def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
 def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
     """Empty ones, those without a return, and with too few of them get labels of 0, and count."""
     msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
-    kept = rows(msg)[: 2 * FEWEST].copy()
+    kept = rows(msg)[: 2 * MIN_RING_POINTS].copy()
     lost = kept.copy()
     for axis in 'xyz':
         lost[axis] = 0

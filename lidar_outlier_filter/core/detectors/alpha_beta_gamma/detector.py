@@ -34,7 +34,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
 )
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -181,7 +181,7 @@ def _line_precision(
     return result
 
 
-@inner_kernel
+@device_function
 def _one_precision(
     standard: NDArray[np.float64], begin: int, end: int, floor: float, scratch: NDArray[np.float64]
 ) -> float:
@@ -227,7 +227,7 @@ def _scores(
     return result, rank
 
 
-@inner_kernel
+@device_function
 def _window_score(
     standard: NDArray[np.float64], m: int, precision: NDArray[np.float64], k: int, critical: float
 ) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -187,7 +187,7 @@ def _in_tiles(
             _copy_tile(both, result[CENTRED], base)
 
 
-@inner_kernel
+@device_function
 def _add_pair(
     columns: NDArray[np.float64], here: int, a: int, b: int, order: int, sums: NDArray[np.float64]
 ) -> None:
@@ -226,7 +226,7 @@ def _add_pair(
         _add_axis(z[here : here + TILE], z[a : a + TILE], z[b : b + TILE], sums, order, sums[row:])
 
 
-@inner_kernel
+@device_function
 def _add_axis(
     here: NDArray[np.float64],
     a: NDArray[np.float64],
@@ -246,7 +246,7 @@ def _add_axis(
             sums[2 * TILE + p] += powers[16 * TILE + p] * d + powers[19 * TILE + p] * e
 
 
-@inner_kernel
+@device_function
 def _solve_tile(sums: NDArray[np.float64], order: int, weight: NDArray[np.float64]) -> None:
     """Solve as :func:`_solve` does, without branches, into the rows behind the sums."""
     for p in range(TILE):
@@ -261,7 +261,7 @@ def _solve_tile(sums: NDArray[np.float64], order: int, weight: NDArray[np.float6
             sums[(14 + axis) * TILE + p] = -(c0 * b0 + c1 * b1 + c2 * b2) * scale
 
 
-@inner_kernel
+@device_function
 def _copy_tile(sums: NDArray[np.float64], result: NDArray[np.float64], base: int) -> None:
     size = min(TILE, result.shape[1] - base)
     for axis in range(3):
@@ -269,7 +269,7 @@ def _copy_tile(sums: NDArray[np.float64], result: NDArray[np.float64], base: int
         result[axis, base : base + size] = sums[row : row + size]
 
 
-@inner_kernel
+@device_function
 def _cofactors(
     s0: float, s1: float, s2: float, s3: float, s4: float, order: int
 ) -> tuple[float, float, float, float, float]:
@@ -314,7 +314,7 @@ def _one_by_one(
             _solve(behind, in_behind, fewest, order, weight, result[AFTER], slot)
 
 
-@inner_kernel
+@device_function
 def _sums(
     columns: NDArray[np.float64], k: int, start: int, link: NDArray[np.int64], reach: int
 ) -> tuple[Sums, int, int]:
@@ -348,7 +348,7 @@ def _sums(
     return (s0, s1, s2, s3, s4, x0, x1, x2, y0, y1, y2, z0, z1, z2), i, count
 
 
-@inner_kernel
+@device_function
 def _add(a: Sums, b: Sums) -> Sums:
     return (
         *(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4]),
@@ -357,7 +357,7 @@ def _add(a: Sums, b: Sums) -> Sums:
     )
 
 
-@inner_kernel
+@device_function
 def _solve(
     sums: Sums,
     count: int,

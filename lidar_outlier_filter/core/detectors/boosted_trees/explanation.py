@@ -30,8 +30,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     load,
 )
 from lidar_outlier_filter.core.detectors.declaration import Contributions, Explanation, ReasonName
+from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import look_around
-from lidar_outlier_filter.core.neighbours.places import K
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _NEIGHBOURS = {**features.NEAR, **features.FAR}
 
 
 def contributions(
-    seen: DetectorInput, parameters: FilterParameters, wanted: Bools
+    seen: DetectorInput, parameters: FilterParameters, selected: Bools
 ) -> Contributions:
     """Return the contributions of features to the scores of selected points.
 
@@ -54,47 +54,47 @@ def contributions(
     ----------
     seen : the detector's input, N points
     parameters : of the detector
-    wanted : (N,) bool
+    selected : (N,) bool
         Points to explain.
 
     """
     method, found = choose(seen, parameters)
     if found is not None:
         names = NAMES[PROFILE_MODEL if found.profile else PATTERN_MODEL][1]
-        return Contributions(method.value, names, *_of_pattern(found, wanted, seen.threads))
+        return Contributions(method.value, names, *_of_pattern(found, selected, seen.threads))
     if method is Method.NEIGHBOURS:
-        return Contributions(method.value, NAMES[SURVEY_MODEL][1], *_of_survey(seen, wanted))
-    nothing = np.zeros((1, np.count_nonzero(wanted)), np.float32)
+        return Contributions(method.value, NAMES[SURVEY_MODEL][1], *_of_survey(seen, selected))
+    nothing = np.zeros((1, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing[:0], nothing[0])
 
 
-def _of_pattern(found: FoundPattern, wanted: Bools, threads: int) -> tuple[Singles, Singles]:
+def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) of wanted points with a scan pattern."""
     model = load(PROFILE_MODEL if found.profile else PATTERN_MODEL)
     prepared = prepare_all(found, threads)
     first = first_pass(prepared, model.first, threads)
-    cell = np.empty(len(wanted), np.int64)
+    cell = np.empty(len(selected), np.int64)
     spread(found.pattern, np.arange(len(first.score)), cell)
     asked = np.zeros(len(first.score), np.bool_)
-    asked[cell[wanted]] = True  # copies share a cell
+    asked[cell[selected]] = True  # copies share a cell
     again = first.score[asked] > np.float32(model.doubtful)
     values = measure(prepared, first, asked, threads)
     added, average = _of_passes(model, again, values[:, ~again], values[:, again])
-    columns = (np.cumsum(asked) - 1)[cell[wanted]]
+    columns = (np.cumsum(asked) - 1)[cell[selected]]
     return added[:, columns], average[columns]
 
 
-def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
+def _of_survey(seen: DetectorInput, selected: Bools) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) of wanted points without a scan pattern."""
     model, xyz = load(SURVEY_MODEL), seen.points.xyz
     hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
     if len(hood) <= K:  # too few points to judge
-        nothing = np.zeros((len(_NEIGHBOURS), np.count_nonzero(wanted)), np.float32)
+        nothing = np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
         return nothing, nothing[0]
     near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), seen.threads))
     first = survey.first_odds(near, model.first, seen.threads)
-    asked, column = wanted.copy(), np.empty(len(xyz), np.int64)
-    asked[original[wanted[copy]]] = True
+    asked, column = selected.copy(), np.empty(len(xyz), np.int64)
+    asked[original[selected[copy]]] = True
     which = np.flatnonzero(asked[index])  # in tree order
     column[index[which]] = np.arange(len(which))
     column[copy] = column[original]
@@ -102,19 +102,19 @@ def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
     far = Far(near, first, hood.nearest_of(which[again], min(MAX_NEIGHBOURS, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
     added, average = _of_passes(model, again, *values)
-    return added[:, column[wanted]], average[column[wanted]]
+    return added[:, column[selected]], average[column[selected]]
 
 
 def _of_passes(
-    model: TreeModel, again: Bools, once: Singles, twice: Singles
+    model: TreeModel, again: Bools, first_pass: Singles, second_pass: Singles
 ) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) by the pass that judged each point.
 
-    ``once`` and ``twice`` are the features of points judged by the first and by the second pass.
+    ``first_pass`` and ``second_pass`` are the features of the points that each judged.
     """
-    added = np.zeros((len(twice), len(again)), np.float32)
-    added[: len(once), ~again] = contribute(model.first, once)
-    added[:, again] = contribute(model.again, twice)
+    added = np.zeros((len(second_pass), len(again)), np.float32)
+    added[: len(first_pass), ~again] = contribute(model.first, first_pass)
+    added[:, again] = contribute(model.again, second_pass)
     average = np.where(again, average_of(model.again), average_of(model.first))
     return added, average.astype(np.float32)
 
@@ -128,7 +128,7 @@ EXPLANATION = Explanation(
     reasons={
         number: ReasonName(name, _PATTERN[name]) for number, name in features.REASON_NAMES.items()
     },
-    ways={Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS},
+    methods={Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS},
     of_score=(),
     choose=lambda seen, parameters: choose(seen, parameters)[0].value,
     explain=contributions,

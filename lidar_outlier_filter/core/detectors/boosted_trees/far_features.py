@@ -26,9 +26,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     write_heights,
 )
 from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
-from lidar_outlier_filter.core.neighbours.places import LEAST, K
+from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MAX_NEIGHBOURS, FEWER_NEIGHBOURS = 60, 20  # neighbours
 DENSE_RANK = 5  # rank of the neighbour that is dense, from 0
 GROUP_GAP = 2.0  # S: a longer distance ends a group
-SORT_SOME, SORT_MOST = (
+SORT_SOME, SORT_MAX = (
     network(FEWER_NEIGHBOURS, range(FEWER_NEIGHBOURS)),
     network(MAX_NEIGHBOURS, range(MAX_NEIGHBOURS)),
 )
@@ -92,7 +92,7 @@ class FarBuffers(NamedTuple):
     joining: Floats
 
 
-@inner_kernel
+@device_function
 def make_buffers() -> FarBuffers:
     """Allocate for points that are measured side by side."""
     lists = np.empty((3, MAX_NEIGHBOURS, LANES))
@@ -105,7 +105,7 @@ def make_buffers() -> FarBuffers:
     )
 
 
-@inner_kernel
+@device_function
 def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: Singles) -> None:
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
     near, scale, count = far.near, buffers.scale, far.index.shape[1]
@@ -121,7 +121,7 @@ def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: S
     _write_planes(count, ROW.off60, buffers, values)
     z = buffers.offset[2]
     write_heights(z, some, SORT_SOME, scale, ROW.below20, ROW.sunk20, buffers.some, values)
-    write_heights(z, count, SORT_MOST, scale, ROW.below60, ROW.sunk60, buffers.work, values)
+    write_heights(z, count, SORT_MAX, scale, ROW.below60, ROW.sunk60, buffers.work, values)
     _write_between(count, buffers, values)
     _write_group(count, buffers, values)
     for feature in range(BEGIN, COUNT):
@@ -129,14 +129,14 @@ def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: S
             values[feature, lane] = min(max(values[feature, lane], -MAX_VALUE), MAX_VALUE)
 
 
-@inner_kernel
+@device_function
 def _write_distances(
     near: Near, count: int, points: Ints, buffers: FarBuffers, values: Singles
 ) -> None:
     """Write the features of distances, and S."""
     scale, distance, work = buffers.scale, buffers.distance, buffers.work
     copy_rows(buffers.radii, count, work)
-    sort(work, SORT_MOST)
+    sort(work, SORT_MAX)
     # Ranks of a sorted list: the upper of two in the middle.
     half, dense, twentieth = (
         count // 2,
@@ -144,17 +144,17 @@ def _write_distances(
         min(FEWER_NEIGHBOURS, count) - 1,
     )
     for lane in range(len(scale)):
-        s = scale[lane] = work[half, lane] + LEAST
+        s = scale[lane] = work[half, lane] + MIN_SCALE_M
         own = near.radius[points[lane]]
         values[ROW.wide8, lane] = own / s
         values[ROW.wide20, lane] = distance[twentieth, lane] / s
         values[ROW.wide60, lane] = distance[count - 1, lane] / s
-        values[ROW.densest, lane] = own / (work[dense, lane] + LEAST)
+        values[ROW.densest, lane] = own / (work[dense, lane] + MIN_SCALE_M)
         values[ROW.contrast, lane] = s / buffers.near.scale[lane]
         values[ROW.rare60, lane] = s / near.around.typical
 
 
-@inner_kernel
+@device_function
 def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Join the neighbours one by one (Prim's spanning tree), and write features of the edges.
 
@@ -175,7 +175,7 @@ def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
             of = longest[lane] if joined > 0 else scale[lane]
             longer = edge > longest[lane]
             first[lane] = edge if joined == 0 else first[lane]
-            against[lane] = edge / (of + LEAST) if longer else against[lane]
+            against[lane] = edge / (of + MIN_SCALE_M) if longer else against[lane]
             before[lane] = joined if longer else before[lane]
             longest[lane] = edge if longer else longest[lane]
             apart = min(group[lane], float(joined))
@@ -188,7 +188,7 @@ def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
         values[ROW.group, lane] = group[lane]
 
 
-@inner_kernel
+@device_function
 def _join_next(
     offset: Floats,
     left: int,
@@ -212,7 +212,7 @@ def _join_next(
             least[lane] = min(least[lane], squared)
 
 
-@inner_kernel
+@device_function
 def _take_out(
     offset: Floats, last: int, x: Floats, y: Floats, z: Floats, reach: Floats, best: Floats
 ) -> None:
@@ -225,7 +225,7 @@ def _take_out(
             offset[axis, m, lane] = offset[axis, last, lane]
 
 
-@inner_kernel
+@device_function
 def _write_planes(count: int, row: int, buffers: FarBuffers, values: Singles) -> None:
     """Write the features of the plane through so many neighbours."""
     near, scale = buffers.near, buffers.scale
@@ -239,7 +239,7 @@ def _write_planes(count: int, row: int, buffers: FarBuffers, values: Singles) ->
         values[row + 2, lane] = off / (flat + SMOOTH * s)
 
 
-@inner_kernel
+@device_function
 def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Write how many neighbours are higher, and where the point is between opposite ones."""
     offset, work, scale = buffers.offset, buffers.work, buffers.scale
@@ -257,7 +257,7 @@ def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
         values[ROW.over, lane] = -high[lane] / s if high[lane] > -np.inf else 0.0
 
 
-@inner_kernel
+@device_function
 def _write_odds(
     odds: Singles, nearest: Index, p: int, others: Index, lane: int, values: Singles
 ) -> None:

@@ -132,11 +132,11 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     points, threshold = seen.points, parameters.of(BoostedTrees).threshold
     method, found = choose(seen, parameters)
     if method is Method.UNTESTED:
-        return Scores(np.full(len(points), np.nan), scaled=True, way=method.value)
+        return Scores(np.full(len(points), np.nan), scaled=True, method=method.value)
     if found is None:
         around = look_around(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
-        return Scores(survey.score(odds, threshold), scaled=True, way=method.value)
+        return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
-    return Scores(score, reason=reason, scaled=True, way=method.value)
+    return Scores(score, reason=reason, scaled=True, method=method.value)

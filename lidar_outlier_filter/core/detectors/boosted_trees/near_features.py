@@ -14,10 +14,10 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR, rows
 from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort, sort_signed
+from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K
 from lidar_outlier_filter.core.neighbours.floor import write_depth
-from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
@@ -99,7 +99,7 @@ class NearBuffers(NamedTuple):
     table: Ints
 
 
-@inner_kernel
+@device_function
 def make_buffers() -> NearBuffers:
     """Allocate for points that are measured side by side."""
     lists = np.empty((3, K, LANES))
@@ -121,7 +121,7 @@ def write_large_components(near: Near, which: Ints, is_large: Bools) -> None:
         is_large[p] = size == LARGEST_COMPONENT
 
 
-@inner_kernel
+@device_function
 def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) -> None:
     """Write the features (COUNT, LANES) of points, so many as there are lanes."""
     for lane in range(LANES):
@@ -144,7 +144,7 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
         values[ROW.off, lane], values[ROW.flat, lane] = off / s, flat / s
         values[ROW.off_flat, lane] = off / (flat + SMOOTH * s)
         along = np.sqrt(max(buffers.value[2, lane], 0.0))
-        values[ROW.thin, lane] = np.sqrt(max(buffers.value[1, lane], 0.0)) / (along + LEAST)
+        values[ROW.thin, lane] = np.sqrt(max(buffers.value[1, lane], 0.0)) / (along + MIN_SCALE_M)
         values[ROW.aside, lane] = aside(buffers.moment, buffers.mean, lane)
         values[ROW.level, lane] = abs(buffers.vector[2, lane])
     for feature in range(COUNT):
@@ -152,7 +152,7 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
             values[feature, lane] = min(max(values[feature, lane], -MAX_VALUE), MAX_VALUE)
 
 
-@inner_kernel
+@device_function
 def _write_distances(buffers: NearBuffers, values: Singles) -> None:
     """Write the features of distances, and s."""
     distance, radii, work, scale = buffers.distance, buffers.radii, buffers.work, buffers.scale
@@ -160,19 +160,22 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
     sort(work, SORT)
     half = K // 2
     for lane in range(len(scale)):
-        s = scale[lane] = (work[half - 1, lane] + work[half, lane]) / 2 + LEAST
+        s = scale[lane] = (work[half - 1, lane] + work[half, lane]) / 2 + MIN_SCALE_M
         least, most = work[0, lane], work[K - 1, lane]
         first, eighth = distance[0, lane], distance[K - 1, lane]
         values[ROW.near1, lane], values[ROW.near8, lane] = first / s, eighth / s
         values[ROW.near3, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
-        values[ROW.denser, lane], values[ROW.sparser, lane] = eighth / (least + LEAST), most / s
+        values[ROW.denser, lane], values[ROW.sparser, lane] = (
+            eighth / (least + MIN_SCALE_M),
+            most / s,
+        )
     jump, jump_at, listed = work[0], work[1], work[2]
     for lane in range(len(scale)):
         jump[lane], jump_at[lane] = 1.0, 0.0
         listed[lane] = distance[0, lane] <= radii[0, lane]
     for m in range(1, K):
         for lane in range(len(scale)):
-            ratio = distance[m, lane] / (distance[m - 1, lane] + LEAST)
+            ratio = distance[m, lane] / (distance[m - 1, lane] + MIN_SCALE_M)
             jump_at[lane] = m if ratio > jump[lane] else jump_at[lane]
             jump[lane] = max(jump[lane], ratio)
             listed[lane] += distance[m, lane] <= radii[m, lane]
@@ -181,7 +184,7 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
         values[ROW.listed, lane] = listed[lane]
 
 
-@inner_kernel
+@device_function
 def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
@@ -210,7 +213,7 @@ def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
     return two, min(count, LARGEST_COMPONENT)
 
 
-@inner_kernel
+@device_function
 def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> int:
     """Append the neighbours of a point that were not reached before; return the new count."""
     for m in range(K):
@@ -221,7 +224,7 @@ def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> 
     return count
 
 
-@inner_kernel
+@device_function
 def _put(table: Ints, mark: int, number: int) -> bool:
     """Put a number into a table; return whether it was not there."""
     slot = number & (TABLE - 1)
@@ -232,7 +235,7 @@ def _put(table: Ints, mark: int, number: int) -> bool:
     return new
 
 
-@inner_kernel
+@device_function
 def gather(
     xyz: Floats, radius: Floats, p: int, others: Index, lane: int, offset: Floats, radii: Floats
 ) -> None:
@@ -246,7 +249,7 @@ def gather(
         radii[m, lane] = radius[o]
 
 
-@inner_kernel
+@device_function
 def measure(offset: Floats, count: int, distance: Floats) -> None:
     """Write the distances (M, LANES) of the first ``count`` neighbours."""
     for m in range(count):
@@ -255,7 +258,7 @@ def measure(offset: Floats, count: int, distance: Floats) -> None:
             distance[m, lane] = np.sqrt((x * x + y * y) + z * z)
 
 
-@inner_kernel
+@device_function
 def copy_rows(rows: Floats, count: int, copied: Floats) -> None:
     """Copy so many rows; those behind them become inf."""
     for m in range(len(copied)):
@@ -263,7 +266,7 @@ def copy_rows(rows: Floats, count: int, copied: Floats) -> None:
             copied[m, lane] = rows[m, lane] if m < count else np.inf
 
 
-@inner_kernel
+@device_function
 def add_moments(offset: Floats, count: int, moment: Floats, mean: Floats) -> None:
     """Write the mean of the first ``count`` neighbours, and their second moments around it."""
     mean[:], moment[:] = 0.0, 0.0
@@ -292,7 +295,7 @@ def add_moments(offset: Floats, count: int, moment: Floats, mean: Floats) -> Non
             moment[row, lane] = moment[row, lane] / count
 
 
-@inner_kernel
+@device_function
 def write_heights(
     z: Floats,
     count: int,
@@ -318,7 +321,7 @@ def write_heights(
         values[sunk + 1, lane] = -high / (high - next_high + EVEN_HEIGHTS * s)
 
 
-@inner_kernel
+@device_function
 def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[float, float]:
     """Return the distances of a point and of its neighbours (rms) from their plane, or line."""
     x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
@@ -329,15 +332,15 @@ def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[f
     return abs(along) if planar else across, np.sqrt(max(thin if planar else both, 0.0))
 
 
-@inner_kernel
+@device_function
 def aside(moment: Floats, mean: Floats, lane: int) -> float:
     """Return how far the mean of neighbours is from the point ÷ how far they are from that mean."""
     x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
     spread = np.sqrt(moment[0, lane] + moment[1, lane] + moment[2, lane])
-    return float(np.sqrt(x * x + y * y + z * z) / (spread + LEAST))
+    return float(np.sqrt(x * x + y * y + z * z) / (spread + MIN_SCALE_M))
 
 
-@inner_kernel
+@device_function
 def write_between(offset: Floats, count: int, work: Floats) -> None:
     """Write the lowest and highest z, from the point, between two opposite neighbours.
 

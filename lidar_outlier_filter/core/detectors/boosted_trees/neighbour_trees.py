@@ -35,10 +35,10 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 )
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.neighbours.duplicates import K, find_copies, numbers
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, find_copies, numbers
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
@@ -199,7 +199,7 @@ def _again(
         _keep(total, some, start, end, odds, values)
 
 
-@inner_kernel
+@device_function
 def _keep(
     total: Singles, some: Singles, start: int, end: int, odds: Singles, values: Singles
 ) -> None:

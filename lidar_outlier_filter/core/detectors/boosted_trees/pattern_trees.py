@@ -54,7 +54,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import write_features
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     LINES_AT_ONCE,
@@ -221,7 +221,7 @@ def _judge(
                 _copy_values(room.values, places[:count], column, values)
 
 
-@apart_kernel
+@noalias_kernel
 def _copy_values(found: Singles, places: Ints, column: Ints, values: Singles) -> None:
     for lane in range(len(places)):
         for f in range(len(values)):
@@ -281,7 +281,7 @@ def strongest_of_trees(
     prepared: Prepared,
     first: FirstPass,
     model: TreeModel,
-    wanted: Bools,
+    selected: Bools,
     threads: int = 0,
 ) -> Bytes:
     """Return the number (M,) of the feature that adds most to the log-odds of each wanted place.
@@ -291,20 +291,20 @@ def strongest_of_trees(
     prepared : the pattern that was judged
     first : the result of the first pass
     model : the model of the pattern
-    wanted : (M,) bool, places to explain; others have 0
+    selected : (M,) bool, places to explain; others have 0
     threads : at most so many at once; 0 for as many as there are cores
 
     """
     names = (*WINDOW, *(PROFILE if prepared.profile else ()), *SECOND_PASS)
     numbers = np.array([_NUMBERS.get(name, 0) for name in names], np.uint8)
-    values = measure(prepared, first, wanted, threads)
+    values = measure(prepared, first, selected, threads)
     found = np.full(values.shape[1], _NUMBERS['first'], np.uint8)
-    again = first.score[wanted] > np.float32(model.doubtful)
+    again = first.score[selected] > np.float32(model.doubtful)
     found[again] = _strongest(model.again, values[:, again], numbers)
     before = found == _NUMBERS['first']
     found[before] = _strongest(model.first, values[:, before], numbers)
-    reason = np.zeros(len(wanted), np.uint8)
-    reason[wanted] = found
+    reason = np.zeros(len(selected), np.uint8)
+    reason[selected] = found
     return reason
 
 

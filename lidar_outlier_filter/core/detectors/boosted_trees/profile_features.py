@@ -41,10 +41,10 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window_features import CO
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.eigen import eigen
 from lidar_outlier_filter.core.kernels.kernels import (
-    apart_kernel,
+    device_function,
     inlined_kernel,
-    inner_kernel,
     kernel,
+    noalias_kernel,
 )
 from lidar_outlier_filter.core.kernels.lanes import network, sort
 
@@ -85,7 +85,7 @@ def write_profile(
     _write_groups(prepared.groups, window.places, values)
 
 
-@apart_kernel
+@noalias_kernel
 def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
     """Write the features of the groups of points."""
     for row in range(len(groups)):
@@ -93,7 +93,7 @@ def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
             values[ROW.group + row, lane] = groups[row, places[lane]]
 
 
-@apart_kernel
+@noalias_kernel
 def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
     """Write by how much pairs of the line predict a longer range, in σ, plus ``MAX_VALUE``."""
     square, mine, own = window.square, window.mine, window.own
@@ -112,7 +112,7 @@ def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Sing
             row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
 
 
-@apart_kernel
+@noalias_kernel
 def _predict_other(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
     """Write the same of pairs of lines before and after."""
     square, away = window.square, window.away
@@ -131,7 +131,7 @@ def _predict_other(pattern: Pattern, line: int, window: PatternWindow, pairs: Si
                 row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
 
 
-@apart_kernel
+@noalias_kernel
 def _write_right(pairs: Singles, row: Singles) -> None:
     """Write the share of the pairs that predict the range."""
     for lane in range(len(row)):
@@ -142,7 +142,7 @@ def _write_right(pairs: Singles, row: Singles) -> None:
         row[lane] = right / count if count > ZERO else -ONE
 
 
-@apart_kernel
+@noalias_kernel
 def _write_median(pairs: Singles, row: Singles) -> None:
     """Write the median of the valid pairs, which are sorted, less ``MAX_VALUE``; 0 for none."""
     for lane in range(len(row)):
@@ -216,7 +216,7 @@ def find_segments(pattern: Pattern, reach: float) -> Segments:
     return Segments(of, size[:count].copy())
 
 
-@inner_kernel
+@device_function
 def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool:
     """Return whether place j is within reach of place k, which is of the line."""
     most = reach * (pattern.range[k] * pattern.gap[line] + pattern.apart[line])
@@ -266,7 +266,7 @@ def _tie(
     return root, tied
 
 
-@inner_kernel
+@device_function
 def _root(root: NDArray[np.int64], i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]

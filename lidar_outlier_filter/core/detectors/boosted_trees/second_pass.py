@@ -28,7 +28,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window_features import (
     level_within,
     width,
 )
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def write_scores(
     _write_shares(window.others, first, places, values)
 
 
-@apart_kernel
+@noalias_kernel
 def _sum_scores(
     pattern: Pattern, score: Singles, line: int, window: PatternWindow, total: Singles
 ) -> None:
@@ -157,7 +157,7 @@ def _sum_scores(
             total[BEFORE + 1, lane] += before
 
 
-@apart_kernel
+@noalias_kernel
 def _copy_scores(score: Singles, window: PatternWindow, slot: int, scores: Singles) -> None:
     """Write the scores of one slot of the windows."""
     places, off = window.places, offset_of(slot)
@@ -173,7 +173,7 @@ def _mean(total: Single, count: Single) -> Single:
     return total / count if count > ZERO else UNKNOWN
 
 
-@apart_kernel
+@noalias_kernel
 def _write_shares(others: Ints, first: FirstPass, places: Ints, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     before, share = first.before, first.share

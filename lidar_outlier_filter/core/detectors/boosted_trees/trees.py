@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import features
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def add_up(trees: Trees, features: Singles, total: Singles) -> None:
     add_lanes(trees, features, total)
 
 
-@apart_kernel
+@noalias_kernel
 def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
     """Write the sums (lanes,) of points with these features (F, lanes), in single precision."""
     for lane in range(len(total)):

@@ -14,7 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import rows
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, lines_at_once
 
@@ -214,7 +214,7 @@ def offset_of(slot: int) -> int:
     return slot - OWN if slot < OWN else slot - OWN + 1
 
 
-@apart_kernel
+@noalias_kernel
 def _pick(near: Index, window: PatternWindow) -> None:
     """Look up the places on the rings beside."""
     places, others = window.places, window.others
@@ -223,7 +223,7 @@ def _pick(near: Index, window: PatternWindow) -> None:
             others[ring, lane] = near[ring, places[lane]]
 
 
-@apart_kernel
+@noalias_kernel
 def _gather_own(
     rows: tuple[Singles, ...],
     phase: Floats,
@@ -257,7 +257,7 @@ def _gather_own(
                 count[lane] += ONE if row[lane] < FAR else ZERO
 
 
-@apart_kernel
+@noalias_kernel
 def _gather_other(
     rows: tuple[Singles, ...],
     phase: Floats,
@@ -294,7 +294,7 @@ def _gather_other(
         count[lane] += ONE if good else ZERO
 
 
-@apart_kernel
+@noalias_kernel
 def _is_in_step(places: Ints) -> bool:
     """Return whether places follow each other."""
     same = True
@@ -303,7 +303,7 @@ def _is_in_step(places: Ints) -> bool:
     return same
 
 
-@apart_kernel
+@noalias_kernel
 def _copy(values: Singles, places: Ints, in_step: bool, off: int, row: Singles) -> None:
     """Write the values so many places behind some."""
     if in_step:
@@ -322,7 +322,7 @@ def _copy_beside(values: Singles, places: Ints, in_step: bool, rows: Singles) ->
     _copy_rows(values, places, in_step, 1, rows[OWN : 2 * OWN])
 
 
-@apart_kernel
+@noalias_kernel
 def _copy_rows(values: Singles, places: Ints, in_step: bool, off: int, rows: Singles) -> None:
     """Write the values so many places behind some, into each next row those one place on."""
     # A call for each row would take several times as long as what it copies.
@@ -339,7 +339,7 @@ def _copy_rows(values: Singles, places: Ints, in_step: bool, off: int, rows: Sin
                 rows[m, lane] = values[k + m]
 
 
-@apart_kernel
+@noalias_kernel
 def _copy_phases(
     phase: Floats, places: Ints, in_step: bool, off: int, origin: Floats, rows: Singles
 ) -> None:
@@ -357,7 +357,7 @@ def _copy_phases(
                 rows[m, lane] = phase[k + m] - origin[lane]
 
 
-@apart_kernel
+@noalias_kernel
 def _compare(
     window: PatternWindow, side: Singles, most: Single, begin: int, rows: int, there: Singles
 ) -> None:
@@ -372,7 +372,7 @@ def _compare(
         _compare_row(window.mine, returns, most, squares[begin + m], ranges[begin + m], there)
 
 
-@apart_kernel
+@noalias_kernel
 def _compare_row(
     mine: Singles,
     returns: tuple[Singles, ...],

@@ -28,7 +28,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     ZERO,
     F,
 )
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, noalias_kernel
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Single, Singles
@@ -64,7 +64,7 @@ def width(array: Singles) -> int:
     return int(array.shape[1])
 
 
-@apart_kernel
+@noalias_kernel
 def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
     reach, gap = window.mine[RANGE], pattern.gap[line]
@@ -98,7 +98,7 @@ def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
             best[KEPT_NEAREST - 1, lane] = min(best[KEPT_NEAREST - 1, lane], value)
 
 
-@apart_kernel
+@noalias_kernel
 def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the range is from three predictions along the ring."""
     step, noise = pattern.step[line], pattern.noise[line]
@@ -118,7 +118,7 @@ def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) 
         values[ROW.between, lane] = min(middle / unit, MAX_VALUE)
 
 
-@apart_kernel
+@noalias_kernel
 def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single) -> Single:
     """Return how far a range is from the straight line through two others, as a part of it.
 
@@ -134,7 +134,7 @@ def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single
     return off if good else MAX_VALUE
 
 
-@apart_kernel
+@noalias_kernel
 def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
     reach, step, gap = window.mine[RANGE], pattern.step[line], pattern.gap[line]
@@ -154,7 +154,7 @@ def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singl
         values[ROW.near5_m, lane] = min(five / FIVE, MAX_VALUE)
 
 
-@apart_kernel
+@noalias_kernel
 def _shares(window: PatternWindow, values: Singles) -> None:
     """Write shares of the window, and how rough it is."""
     sums = window.sums
@@ -175,7 +175,7 @@ def _shares(window: PatternWindow, values: Singles) -> None:
         values[ROW.sparse, lane] = sums[SUM.sparse, lane] / PLACES
 
 
-@apart_kernel
+@noalias_kernel
 def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
     reach, gap, noise = window.mine[RANGE], pattern.gap[line], pattern.noise[line]

@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, R
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
     return place
 
 
-@inner_kernel
+@device_function
 def _is_before(xyz: Floats, one: int, other: int) -> bool:
     for axis in range(3):
         if xyz[one, axis] != xyz[other, axis]:
@@ -255,7 +255,7 @@ def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, s
     return count
 
 
-@inner_kernel
+@device_function
 def _visit(
     xyz: Floats, tree: Tree, core: int, margin: float, stride: int, found: Ints, stack: Ints
 ) -> int:
@@ -298,7 +298,7 @@ def _visit(
     return count
 
 
-@inner_kernel
+@device_function
 def _is_in(xyz: Floats, i: int, box: Bounds) -> bool:
     x, y, z = xyz[i]
     return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
@@ -376,7 +376,7 @@ def judge_patches(
         score[i] = window.score[np.searchsorted(found, i)]
 
 
-@inner_kernel
+@device_function
 def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
     """Copy points into the window."""
     for k in range(len(found)):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats
@@ -75,7 +75,7 @@ def empty_window(room: int) -> Window:
     )
 
 
-@inner_kernel
+@device_function
 def sum_normal(window: Window, n: int, size: int) -> None:
     """Sum the normal matrix Bᵀ P B."""
     rows, normal = window.rows, window.normal
@@ -93,7 +93,7 @@ def sum_normal(window: Window, n: int, size: int) -> None:
             normal[k, j] = normal[j, k]
 
 
-@inner_kernel
+@device_function
 def _invert_bordered(window: Window, size: int) -> bool:
     """Find Q: the inverse of the normal matrix bordered by a, without the border.
 
@@ -119,7 +119,7 @@ def _invert_bordered(window: Window, size: int) -> bool:
     return True
 
 
-@inner_kernel
+@device_function
 def _eliminate(square: Floats, inverse: Floats, size: int, least: float) -> bool:
     """Turn the unit matrix ``inverse`` into the inverse of ``square``, by Gauss and Jordan."""
     for i in range(size):
@@ -177,7 +177,7 @@ def step(window: Window, n: int, size: int) -> tuple[float, float]:
     return before, max(after, 0.0)
 
 
-@inner_kernel
+@device_function
 def normalize(window: Window, size: int) -> None:
     """Give the parameters the norm 1 (19)."""
     squared = 0.0
@@ -186,7 +186,7 @@ def normalize(window: Window, size: int) -> None:
     window.a[:size] /= np.sqrt(squared)
 
 
-@inner_kernel
+@device_function
 def fit_plane(window: Window, begin: int, end: int) -> None:
     """Fit the plane through points begin to end by their weights, at least one of them not 0.
 
@@ -228,13 +228,13 @@ def fit_plane(window: Window, begin: int, end: int) -> None:
             plane[3 * place + axis] = window.vectors[axis, k]
 
 
-@inner_kernel
+@device_function
 def is_plane(window: Window, floor: float) -> bool:
     """Return a plane from a line: it is wider than the least standard deviation."""
     return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
 
 
-@inner_kernel
+@device_function
 def adjust_plane(window: Window, n: int, floor: float) -> bool:
     """Fit the plane to the kept points; measure all points. False if they lie on a line."""
     for i in range(n):
@@ -246,7 +246,7 @@ def adjust_plane(window: Window, n: int, floor: float) -> bool:
     return True
 
 
-@inner_kernel
+@device_function
 def measure_heights(window: Window, begin: int, end: int) -> None:
     """Measure the residuals (29) of points begin to end from the plane: heights over it."""
     xyz, plane = window.xyz, window.plane
@@ -256,7 +256,7 @@ def measure_heights(window: Window, begin: int, end: int) -> None:
         window.residual[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
 
 
-@inner_kernel
+@device_function
 def measure_plane(window: Window, n: int) -> None:
     """Measure all points against the plane: residual, variance, slope and lever.
 
@@ -276,7 +276,7 @@ def measure_plane(window: Window, n: int) -> None:
         window.sigma2[i] = window.variance[i] * squared
 
 
-@inner_kernel
+@device_function
 def fill_rows(window: Window, n: int) -> None:
     """Fill B (23) of all points, in the frame of the plane."""
     xyz, plane, rows, root = window.xyz, window.plane, window.rows, ROOT2
@@ -290,7 +290,7 @@ def fill_rows(window: Window, n: int) -> None:
         rows[i, 7], rows[i, 8], rows[i, 9] = root * x * z, root * y * z, z * z
 
 
-@inner_kernel
+@device_function
 def measure_gradient(window: Window, n: int) -> None:
     """Measure the slope (25)-(27) and the variance (30) of all points.
 
@@ -318,14 +318,14 @@ def measure_gradient(window: Window, n: int) -> None:
         sigma2[i] = max(sigma2[i], least)
 
 
-@inner_kernel
+@device_function
 def weigh(window: Window, n: int) -> None:
     """Give the kept points the weight 1/σ², the others none."""
     for i in range(n):
         window.weight[i] = 1 / window.sigma2[i] if window.kept[i] else 0.0
 
 
-@inner_kernel
+@device_function
 def measure_residuals(window: Window, n: int, size: int) -> None:
     """Measure the residuals (29) of all points: B a."""
     for i in range(n):
@@ -335,7 +335,7 @@ def measure_residuals(window: Window, n: int, size: int) -> None:
         window.residual[i] = value
 
 
-@inner_kernel
+@device_function
 def _measure_levers(window: Window, n: int, size: int) -> None:
     """Measure B Q Bᵀ of all points."""
     rows, cofactor = window.rows, window.cofactor
@@ -349,7 +349,7 @@ def _measure_levers(window: Window, n: int, size: int) -> None:
         window.lever[i] = value
 
 
-@inner_kernel
+@device_function
 def adjust(window: Window, n: int, size: int) -> bool:
     """Repeat the adjustment of the kept points from a until it stands; measure all points.
 

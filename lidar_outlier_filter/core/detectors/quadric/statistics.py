@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     step,
     weigh,
 )
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, select
+from lidar_outlier_filter.core.kernels.kernels import device_function, select
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
@@ -62,7 +62,7 @@ class Growth(NamedTuple):
 NONE = FittedSurface(0, 0, 0.0)
 
 
-@inner_kernel
+@device_function
 def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
     """Test all points: T (31) ÷ its critical value. False if there are too few to decide.
 
@@ -91,7 +91,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     return True
 
 
-@inner_kernel
+@device_function
 def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
     """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
 
@@ -113,7 +113,7 @@ def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, 
     return squares, freedom
 
 
-@inner_kernel
+@device_function
 def describe(window: Window, n: int, size: int) -> FittedSurface:
     """Describe the surface that was fitted last, by the points kept."""
     squares, count = 0.0, 0
@@ -125,7 +125,7 @@ def describe(window: Window, n: int, size: int) -> FittedSurface:
     return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
 
 
-@inner_kernel
+@device_function
 def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     """Return whether three more parameters lessen a sum of squares significantly (F test)."""
     if freedom < 1:
@@ -134,7 +134,7 @@ def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     return bool((before - after) / 3 > ratio * after / freedom)
 
 
-@inner_kernel
+@device_function
 def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """Return whether a paraboloid fits the kept points significantly better than the plane.
 
@@ -168,7 +168,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     return bent
 
 
-@inner_kernel
+@device_function
 def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     """Fit heights over the plane by a paraboloid with the weights; measure all points.
 
@@ -181,7 +181,7 @@ def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     return before, after
 
 
-@inner_kernel
+@device_function
 def _rank_squares(window: Window, n: int, rank: int) -> float:
     """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
     count = 0
@@ -192,7 +192,7 @@ def _rank_squares(window: Window, n: int, rank: int) -> float:
     return select(window.scratch, count, rank)
 
 
-@inner_kernel
+@device_function
 def _sum(values: Floats, count: int) -> float:
     total = 0.0
     for i in range(count):
@@ -200,7 +200,7 @@ def _sum(values: Floats, count: int) -> float:
     return total
 
 
-@inner_kernel
+@device_function
 def is_flat(window: Window, n: int) -> bool:
     """Return whether (20) approximates a quadric at three of four kept points.
 

@@ -47,7 +47,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     measure_tests,
 )
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
 SHARE = 0.3  # of the points that are to lie near a plane that begins a surface
@@ -97,7 +97,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
         window.score[:n] = np.nan
 
 
-@inner_kernel
+@device_function
 def _centre(window: Window, n: int) -> float:
     """Centre the coordinates at their mean and divide them by their rms radius, which is returned.
 
@@ -124,7 +124,7 @@ def _centre(window: Window, n: int) -> float:
 # The beginning of a surface -----------------------------------------------------------------------
 
 
-@inner_kernel
+@device_function
 def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> bool:
     """Choose the points a surface begins with: kept. False if there is no plane to be found.
 
@@ -160,7 +160,7 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
     return True
 
 
-@inner_kernel
+@device_function
 def _end_of_run(window: Window, begin: int, n: int) -> int:
     """Return where a run of points left ends; -1 if there is not even half a run."""
     count, end = 0, begin
@@ -170,7 +170,7 @@ def _end_of_run(window: Window, begin: int, n: int) -> int:
     return end if 2 * count >= RUN else -1
 
 
-@inner_kernel
+@device_function
 def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> float:
     """Remember the plane if the point of that rank is nearer than the best; return the better."""
     if not is_plane(window, floor):
@@ -182,7 +182,7 @@ def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> fl
     return best
 
 
-@inner_kernel
+@device_function
 def _near(window: Window, n: int, rank: int) -> float:
     """Measure all points from the plane; return the distance of that rank among those left."""
     measure_heights(window, BEGIN[0], n)
@@ -194,7 +194,7 @@ def _near(window: Window, n: int, rank: int) -> float:
     return select(window.scratch, count, rank)
 
 
-@inner_kernel
+@device_function
 def _drop_worse_half(window: Window, begin: int, end: int) -> None:
     """Take the weight from the points of a run that are farther from the plane than its median."""
     measure_heights(window, begin, end)
@@ -212,7 +212,7 @@ def _drop_worse_half(window: Window, begin: int, end: int) -> None:
 # Its growth ---------------------------------------------------------------------------------------
 
 
-@inner_kernel
+@device_function
 def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if rules.always:
@@ -233,7 +233,7 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
     return plane
 
 
-@inner_kernel
+@device_function
 def _rise(
     window: Window, n: int, paraboloid: FittedSurface, rules: Rules, growth: Growth
 ) -> FittedSurface:
@@ -251,7 +251,7 @@ def _rise(
     return paraboloid
 
 
-@inner_kernel
+@device_function
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous.
 
@@ -264,7 +264,7 @@ def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Fitte
     return NONE
 
 
-@inner_kernel
+@device_function
 def _start_algebraic(window: Window, n: int) -> float:
     """Set a to the eigenvector of the least eigenvalue of Σ Bᵀ B over the kept points.
 
@@ -288,7 +288,7 @@ def _start_algebraic(window: Window, n: int) -> float:
     return far / _mean_square_distance(window, n)
 
 
-@inner_kernel
+@device_function
 def _mean_square_distance(window: Window, n: int) -> float:
     """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
     measure_gradient(window, n)
@@ -301,7 +301,7 @@ def _mean_square_distance(window: Window, n: int) -> float:
     return residuals / slopes
 
 
-@inner_kernel
+@device_function
 def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow one more surface: freely, or if it runs over what lies beside it, held tight.
 
@@ -317,7 +317,7 @@ def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growt
     return NONE
 
 
-@inner_kernel
+@device_function
 def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Fit and test until no point leaves or comes back; none if the model cannot be had."""
     kept, following = window.kept, window.next

@@ -50,7 +50,7 @@ def test_method(points: Points, whole: bool, expected: Method) -> None:  # noqa:
     """It is counted by its name; without one, all points are undecided and none is rejected."""
     chain = Chain(FilterParameters(), whole=whole)
     verdict = chain.judge(points)
-    assert chain.ways == {expected.value: 1}
+    assert chain.methods == {expected.value: 1}
     is_untested = expected is Method.UNTESTED
     assert np.isnan(verdict.score).all() == is_untested
     assert (verdict.undecided == (64 if is_untested else 0)).all()
@@ -70,7 +70,7 @@ def test_rows_of_a_range_image(unsorted: float, expected: Method) -> None:
     rows = replace(points, xyz=np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1))
     chain = Chain(FilterParameters())
     rejected = chain.judge(rows).rejected
-    assert chain.ways == {expected.value: 1}
+    assert chain.methods == {expected.value: 1}
     if expected is Method.PATTERN:
         sorted_ones = Chain(FilterParameters()).judge(points).rejected
         assert (rejected == sorted_ones).mean() > 0.98

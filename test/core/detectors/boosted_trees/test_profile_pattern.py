@@ -105,9 +105,9 @@ def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> Non
     xyz, turned = (drive.points.xyz + moved)[some], drive.angle[some] + 0.7
     found = fit_lines(xyz, turned)
     for line, rows in enumerate(xyz):
-        wanted = naive.seat(rows, turned[line].tolist())
-        assert_allclose(found.position[line], wanted.position, rtol=0, atol=1e-8)
-        assert_allclose([found.off[line], found.unsure[line]], wanted[1:], rtol=1e-5)
+        selected = naive.seat(rows, turned[line].tolist())
+        assert_allclose(found.position[line], selected.position, rtol=0, atol=1e-8)
+        assert_allclose([found.off[line], found.unsure[line]], selected[1:], rtol=1e-5)
         for one, every in zip(
             fit_lines(xyz[line : line + 1], turned[line : line + 1]), found, strict=True
         ):
@@ -116,9 +116,9 @@ def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> Non
 
 @pytest.mark.parametrize('swing', [1.2, 1.9])
 @pytest.mark.parametrize(('way', 'pendulum'), [(1, False), (-1, False), (-1, True)])
-def test_a_mirror_that_swings(swing: float, way: int, *, pendulum: bool) -> None:
+def test_a_mirror_that_swings(swing: float, method: int, *, pendulum: bool) -> None:
     """To and fro, or one way only: its angles, within a step or two, and the scanner are found."""
-    drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, way, pendulum=pendulum))
+    drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, method, pendulum=pendulum))
     lost = drive.angle > drive.angle.max() - 0.3  # one end sees nothing
     points, far, angle = drive.points.take(~lost), drive.far[~lost], drive.angle[~lost]
     pattern = profile_pattern_of(points)
@@ -210,15 +210,15 @@ def test_window_as_loops(lost: float, lines: int) -> None:
         for k in range(len(ring.points)):
             place = pattern.first[number] + k
             metres = [float(of[number]) for of in (pattern.apart, pattern.level)]
-            wanted = naive_pattern.features(rings, number, k, *metres)
-            got = {name: float(values[names.index(name), place]) for name in wanted}
-            assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
+            selected = naive_pattern.features(rings, number, k, *metres)
+            got = {name: float(values[names.index(name), place]) for name in selected}
+            assert got == pytest.approx(selected, rel=2e-3, abs=1e-5), (number, k)
             sigma = float(pattern.noise[number]) / 2
             predicted = naive.predictions(rings, number, k, sigma)
-            wanted = naive.of_pairs(predicted)
-            got = {name: float(values[names.index(name), place]) for name in wanted}
+            selected = naive.of_pairs(predicted)
+            got = {name: float(values[names.index(name), place]) for name in selected}
             # A range of single precision, squared, in standard deviations.
-            assert got == pytest.approx(wanted, rel=2e-3, abs=0.02), (number, k)
+            assert got == pytest.approx(selected, rel=2e-3, abs=0.02), (number, k)
 
 
 @pytest.mark.parametrize('reach', REACHES)
@@ -240,15 +240,15 @@ def test_groups_as_loops(lost: float, reach: float) -> None:
     segments = profile_groups.find_segments(pattern, reach)
     group = profile_groups.join(pattern, near, reach, segments)
     rings = lines_of(pattern)
-    wanted = naive.groups(rings, pattern.apart.tolist(), reach)
+    selected = naive.groups(rings, pattern.apart.tolist(), reach)
     got: dict[int, list[tuple[int, int]]] = {}
     for number, ring in enumerate(rings):
         for k in range(len(ring.points)):
             g = int(group[segments.of[pattern.first[number] + k]])
             got.setdefault(g, []).append((number, k))
     got.pop(-1, None)
-    assert len(wanted) > 1
-    assert sorted(got.values()) == sorted(wanted)
+    assert len(selected) > 1
+    assert sorted(got.values()) == sorted(selected)
 
 
 def test_group_of_an_arm() -> None:
@@ -275,8 +275,8 @@ def test_group_of_an_arm() -> None:
             index = pattern.order[first + k]
             ring.points[k] = point._replace(xyz=tuple(turned[index].tolist()))
             members += [(number, k)] if tube[index] else []
-    wanted = naive.of_group(rings, members)
-    assert wanted == pytest.approx({name: described[name] for name in wanted}, rel=1e-2)
+    selected = naive.of_group(rings, members)
+    assert selected == pytest.approx({name: described[name] for name in selected}, rel=1e-2)
 
 
 def test_the_wide_group_is_described() -> None:
@@ -320,7 +320,7 @@ def test_two_lines_are_enough() -> None:
 def test_sensor_decides_the_way() -> None:
     """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
     points = Drive(11, 0.1).points
-    wanted = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
+    selected = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
         values = {
             'chain': ['boosted_trees'],
@@ -328,4 +328,4 @@ def test_sensor_decides_the_way() -> None:
             'boosted_trees.threshold': 2.0,
         }
         found = Chain(FilterParameters().changed(values)).judge(points)
-        assert np.array_equal(found.score, wanted) == same
+        assert np.array_equal(found.score, selected) == same

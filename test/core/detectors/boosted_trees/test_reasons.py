@@ -117,16 +117,16 @@ def test_contributions_add_up(sensor: str) -> None:
     points = CLOUDS[sensor].take(slice(0, None, 2))
     points = points.take(np.random.default_rng(4).integers(0, len(points), len(points)))  # copies
     parameters, every = FilterParameters(), np.ones(len(points), np.bool_)
-    seen, wanted = DetectorInput(points, parameters, 20), np.arange(len(points)) % 7 == 0
+    seen, selected = DetectorInput(points, parameters, 20), np.arange(len(points)) % 7 == 0
     found = contributions(seen, parameters, every)
-    assert found.way == Method.PATTERN.value
+    assert found.method == Method.PATTERN.value
     assert found.added.shape == (len(found.names), len(points))
     odds, _ = passes(points, sensor)
     assert found.average + found.added.sum(axis=0) == pytest.approx(odds, abs=2e-3)
     assert len({*found.average.tolist()}) == 2  # the trees of both passes
-    some = contributions(seen, parameters, wanted)
-    assert np.array_equal(some.added, found.added[:, wanted])
-    assert np.array_equal(some.average, found.average[wanted])
+    some = contributions(seen, parameters, selected)
+    assert np.array_equal(some.added, found.added[:, selected])
+    assert np.array_equal(some.average, found.average[selected])
 
 
 @pytest.mark.parametrize('threads', [1, 3])
@@ -204,11 +204,11 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
     parameters = FilterParameters()
     seen = DetectorInput(points, parameters, 20, whole=True)
-    wanted = rng.random(len(xyz)) < 0.3
-    wanted[:20] = True
-    found = contributions(seen, parameters, wanted)
-    assert found.way == Method.NEIGHBOURS.value
+    selected = rng.random(len(xyz)) < 0.3
+    selected[:20] = True
+    found = contributions(seen, parameters, selected)
+    assert found.method == Method.NEIGHBOURS.value
     odds = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
     total = found.added.sum(axis=0, dtype=np.float64) + found.average
-    np.testing.assert_allclose(total, odds[wanted], atol=2e-4)
+    np.testing.assert_allclose(total, odds[selected], atol=2e-4)
     assert len(np.unique(found.average)) == 2  # both passes judge some of them

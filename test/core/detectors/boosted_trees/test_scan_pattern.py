@@ -53,9 +53,9 @@ def test_as_loops(lost: float, turns: float, *, staggered: bool) -> None:
         places = range(pattern.first[number], pattern.last[number])
         assert [p.number for p in ring.points] == pattern.order[list(places)].tolist()
         for k, place in enumerate(places):
-            wanted = naive.features(rings, number, k)
-            got = {name: float(out[[*WINDOW].index(name), place]) for name in wanted}
-            assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
+            selected = naive.features(rings, number, k)
+            got = {name: float(out[[*WINDOW].index(name), place]) for name in selected}
+            assert got == pytest.approx(selected, rel=2e-3, abs=1e-5), (number, k)
 
 
 def test_strays_are_found() -> None:
@@ -109,12 +109,12 @@ def test_rings_however_spaced(elevations: Sequence[float]) -> None:
     places = range(len(known))
     for row, off in enumerate((-2, -1, 1, 2)):
         there = [n for n in places if 0 <= n + off < len(known)]
-        wanted = [abs(known[n + off] - known[n]) for n in there]
-        np.testing.assert_allclose(pattern.beside[row, there], wanted, rtol=2e-3)
+        selected = [abs(known[n + off] - known[n]) for n in there]
+        np.testing.assert_allclose(pattern.beside[row, there], selected, rtol=2e-3)
     if len(known) > 2:
         near, far = np.sort(np.abs(np.diff(known))[[[n - 1, n] for n in places[1:-1]]]).T
-        wanted = np.minimum(far / near, 10.0)
-        np.testing.assert_allclose(pattern.uneven[1:-1], wanted, rtol=5e-3)
+        selected = np.minimum(far / near, 10.0)
+        np.testing.assert_allclose(pattern.uneven[1:-1], selected, rtol=5e-3)
     assert pattern.uneven[[0, -1]].tolist() == [10.0, 10.0]
 
 
@@ -126,8 +126,8 @@ def test_steps_between_shots() -> None:
     points = points.take((points.line > 0) | (column % 2 == 0))  # every second shot of that ring
     rank = np.argsort(elevations)
     turned = np.radians(np.where(rank == 0, 2.0, 1.0))
-    wanted = turned * np.cos(np.radians(elevations[rank]))
-    np.testing.assert_allclose(pattern_of(points).step, wanted, rtol=0.02)
+    selected = turned * np.cos(np.radians(elevations[rank]))
+    np.testing.assert_allclose(pattern_of(points).step, selected, rtol=0.02)
 
 
 def test_beams_near_the_zenith_see_their_neighbours() -> None:
@@ -209,7 +209,7 @@ def test_the_brightest_copy_counts(dim: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize('dial', [1.0, 2.0])
-def test_points_with_an_intensity_have_a_threshold_of_their_own(dial: float) -> None:
+def test_points_with_an_intensity_have_a_threshold_of_their_own(threshold: float) -> None:
     """Of equal log-odds, scores differ by whether the brightness is known, and by the user's."""
     points = sweep(5, 0.1, columns=300)
     known = np.arange(len(points)) % 2 == 0
@@ -224,8 +224,8 @@ def test_points_with_an_intensity_have_a_threshold_of_their_own(dial: float) -> 
     spread(pattern, pattern.bright, bright)
     assert 0.3 < np.mean(bright >= 0) < 0.7
     limit = np.where(bright >= 0, model.threshold_bright, model.threshold) - LEAST_LOG_ODDS
-    expected = np.maximum(odds.astype(np.float64) - LEAST_LOG_ODDS, 0.0) / (dial * limit)
-    np.testing.assert_array_equal(judge(pattern, dial), expected)
+    expected = np.maximum(odds.astype(np.float64) - LEAST_LOG_ODDS, 0.0) / (threshold * limit)
+    np.testing.assert_array_equal(judge(pattern, threshold), expected)
 
 
 def test_arctangent() -> None:

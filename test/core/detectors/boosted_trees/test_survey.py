@@ -16,17 +16,17 @@ from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_N
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.neighbours import places
-from lidar_outlier_filter.core.neighbours.floor import look_around
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import (
-    LEAST,
+from lidar_outlier_filter.core.neighbours import duplicates
+from lidar_outlier_filter.core.neighbours.duplicates import (
+    MIN_SCALE_M,
     SAMPLE,
     K,
     find_copies,
     find_places,
     typical_scale,
 )
+from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -135,9 +135,9 @@ def test_features_against_loops(name: str) -> None:
 def test_closed_groups(size: int) -> None:
     """Of a group that is apart the feature is its size, up to 60; of all others it is 61."""
     _, first, _ = measured(mirrored(size))
-    closed = first[[*NEAR].index('component_size')]
-    np.testing.assert_array_equal(closed[:300], 61)
-    np.testing.assert_array_equal(closed[300:], min(size, 61))
+    sizes = first[[*NEAR].index('component_size')]
+    np.testing.assert_array_equal(sizes[:300], 61)
+    np.testing.assert_array_equal(sizes[300:], min(size, 61))
 
 
 def test_trees_against_loops() -> None:
@@ -256,7 +256,7 @@ def test_typical_scale() -> None:
         scale_of(xyz[:5000]), rel=0.05
     )
     # Where points nearly coincide the micrometre is left that is added.
-    assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(LEAST)
+    assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(MIN_SCALE_M)
 
 
 def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -267,6 +267,6 @@ def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> N
         looked_at.append(len(xyz))
         return Neighbourhood(xyz, most, threads)
 
-    monkeypatch.setattr(places, 'Neighbourhood', note)
+    monkeypatch.setattr(duplicates, 'Neighbourhood', note)
     scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
     assert looked_at == [pytest.approx(SAMPLE, rel=0.05)]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints
 
 K = 8  # neighbours
-LEAST = 1e-6  # metres that are added to scales, which may be 0
+MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0
 SAMPLE = 20_000  # points, about
 AT_ONCE = 500_000  # points that are looked at
 EVERY = 1 << 32
@@ -53,7 +53,7 @@ def find_places(xyz: Floats) -> Places:
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.neighbours.places import find_places
+    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_places
     >>> places = find_places(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
     >>> places.first.tolist(), places.of.tolist()
     ([0, 1], [0, 1, 0])
@@ -118,10 +118,10 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     few = np.concatenate([np.empty((0, 3)), *some])
     alone = np.take(few, find_places(few).first, axis=0)
     if len(alone) <= K:
-        return LEAST
+        return MIN_SCALE_M
     distance = np.median(np.sqrt(squared_k_distances(Neighbourhood(alone, K, threads), K)))
     # On a surface, distances are as the square root of the area that each point has.
-    return float(distance * np.sqrt(len(few) / len(where))) + LEAST
+    return float(distance * np.sqrt(len(few) / len(where))) + MIN_SCALE_M
 
 
 @kernel

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Lonely(Section):
+class Isolated(Section):
     """Parameters: default, sentence, unit, least, most."""
 
     limit: float = declare(0.5, 'Longest distance that is kept.', 'm', 1e-3, 1e3)
@@ -32,14 +32,14 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     if len(near) > 1:
         other = near.nearest(1).index[:, 0]
         distance = np.linalg.norm(near.xyz - near.xyz[other], axis=1)
-        found[near.order] = distance / parameters.of(Lonely).limit
+        found[near.order] = distance / parameters.of(Isolated).limit
     return Scores(found)
 
 
 DETECTOR = Detector(
-    name='lonely',
+    name='isolated',
     bit=128,
-    section=Lonely,
+    section=Isolated,
     score=score,
     neighbours=lambda _: 1,
     rejects='has no other point beside it',

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names are those of the field; names that were replaced do not come back."""
+
+from __future__ import annotations
+
+import io
+import tokenize
+
+import pytest
+from helpers import ROOT
+
+REPLACED = frozenset(
+    [
+        'AGAIN',
+        'Answer',
+        'ByWhom',
+        'FEWEST',
+        'Hands',
+        'Kinds',
+        'LEAST',
+        'MOST',
+        'Made',
+        'Mounting',
+        'MovingStream',
+        'Order',
+        'PATIENCE',
+        'Seen',
+        'Way',
+        'amid',
+        'apart_kernel',
+        'begin_anew',
+        'can_shed',
+        'company',
+        'dials',
+        'evidence',
+        'glare',
+        'hurry',
+        'hurry_oldest',
+        'inner_kernel',
+        'lonely',
+        'measure_again',
+        'said_by',
+        'shed',
+        'unmoved',
+        'wanted',
+        'ways',
+    ]
+)
+FOLDERS = ('lidar_outlier_filter', 'lidar_outlier_lab', 'benchmarks', 'test', 'launch', 'doc')
+
+
+@pytest.mark.parametrize('folder', FOLDERS)
+def test_no_replaced_name_is_used(folder: str) -> None:
+    """No module, function, class, argument or variable has such a name."""
+    found = set()
+    for path in (ROOT / folder).rglob('*.py'):
+        names = tokenize.generate_tokens(io.StringIO(path.read_text('utf-8')).readline)
+        used = {token.string for token in names if token.type == tokenize.NAME} | {path.stem}
+        found |= {(path.name, name) for name in used & REPLACED}
+    assert found == set()
