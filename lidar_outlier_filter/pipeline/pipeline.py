@@ -268,8 +268,8 @@ class Pipeline:
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
         try:
-            # Kernels that the old chain did not need are compiled before the next cloud.
-            if self._compiles and not is_ready(parameters):
+            # The new chain is tried, and its kernels compiled, before the next cloud.
+            if self._compiles or is_ready(parameters):
                 make_ready(parameters)
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))

@@ -24,7 +24,7 @@ PACKAGE = 'lidar_outlier_filter'
 @pytest.mark.slow
 def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
     """The second run compiles nothing, and says nothing of it."""
-    env = os.environ | fresh_copy(tmp_path, 'detector._average.*.nb?')
+    env = os.environ | fresh_copy(tmp_path, 'sor._average*.nb?')
     file = tmp_path / 'cloud.csv'
     rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
     file.write_text('x,y,z\n' + ''.join(rows))
