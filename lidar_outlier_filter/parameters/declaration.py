@@ -26,7 +26,7 @@ OFF = 'off'
 BITS = tuple(1 << n for n in range(14))  # that a detector may have
 MASK, MASKED = 'mask', 1 << 14  # of points on the own vehicle, which no detector sees
 MASKED_REASON = 255  # in outlier_reason
-TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Parameter:
     def _check_text(self, value: object) -> None:
         """Refuse what ROS can neither hold nor send: its texts are UTF-8, and end at a NUL."""
         if isinstance(value, str) and not _is_text(value):
-            raise ParameterError(self.name, 'a text in Unicode without NUL', shown(value))
+            raise ParameterError(self.name, 'a Unicode string without NUL', shown(value))
 
     def _check_range(self, value: Any) -> None:
         inside = abs(value) < LARGEST and math.isfinite(value)
@@ -113,7 +113,7 @@ class Parameter:
 
 
 def _is_text(text: str) -> bool:
-    """Return whether a text is whole: half a pair of UTF-16, as JSON may name, is none."""
+    """Return whether a string is valid Unicode, without half a pair of UTF-16 as JSON may name."""
     return '\0' not in text and not any('\ud800' <= one <= '\udfff' for one in text)
 
 

@@ -127,7 +127,7 @@ def _flatten(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, object
 
 
 def as_yaml(value: Any) -> str:
-    """Write a value so that ROS reads it back: to its YAML, 1e-06 would be a text."""
+    """Write a value so that ROS reads it back: to its YAML, 1e-06 would be a string."""
     plain = list(value) if isinstance(value, tuple) else value
     text: str = yaml.safe_dump(plain, default_flow_style=True, width=1000)
     return text.removesuffix('...\n').strip()

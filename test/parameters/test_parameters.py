@@ -102,7 +102,7 @@ def test_range(name: str, low: float, high: float, kind: type) -> None:
 
 SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'block': 0}, 'block must be from 0.001 to 60 s, got 0.0'),
-    ({'time_field': 5}, 'time_field must be a text, got 5'),
+    ({'time_field': 5}, 'time_field must be a string, got 5'),
     ({'time_unit': 'ms'}, "time_unit must be one of 'auto', 's', 'us', 'ns', got 'ms'"),
     ({'chain': 3}, 'chain must be a list of texts, got 3'),
     ({'chain': []}, 'chain must be a list, without repetition, of one of '),
