@@ -115,10 +115,10 @@ def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> Non
 
 
 @pytest.mark.parametrize('swing', [1.2, 1.9])
-@pytest.mark.parametrize(('way', 'pendulum'), [(1, False), (-1, False), (-1, True)])
-def test_a_mirror_that_swings(swing: float, method: int, *, pendulum: bool) -> None:
+@pytest.mark.parametrize(('turn', 'pendulum'), [(1, False), (-1, False), (-1, True)])
+def test_a_mirror_that_swings(swing: float, turn: int, *, pendulum: bool) -> None:
     """To and fro, or one way only: its angles, within a step or two, and the scanner are found."""
-    drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, method, pendulum=pendulum))
+    drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, turn, pendulum=pendulum))
     lost = drive.angle > drive.angle.max() - 0.3  # one end sees nothing
     points, far, angle = drive.points.take(~lost), drive.far[~lost], drive.angle[~lost]
     pattern = profile_pattern_of(points)

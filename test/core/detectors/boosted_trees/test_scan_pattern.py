@@ -208,7 +208,7 @@ def test_the_brightest_copy_counts(dim: tuple[float, ...]) -> None:
         assert again.tobytes() == score[index].tobytes()
 
 
-@pytest.mark.parametrize('dial', [1.0, 2.0])
+@pytest.mark.parametrize('threshold', [1.0, 2.0])
 def test_points_with_an_intensity_have_a_threshold_of_their_own(threshold: float) -> None:
     """Of equal log-odds, scores differ by whether the brightness is known, and by the user's."""
     points = sweep(5, 0.1, columns=300)
