@@ -88,7 +88,7 @@ class ExplainingChain(Chain):
         parameters: FilterParameters,
         selected: Bools,
     ) -> None:
-        """Note the features that add most to the scores of the wanted points."""
+        """Note the features that add most to the scores of the selected points."""
         found = explanations()[name].explain(seen, parameters, selected)
         self.how.add(found.method)
         number = {key: k for k, key in enumerate(features(), 1)}

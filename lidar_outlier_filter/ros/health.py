@@ -173,7 +173,7 @@ class Health:
         elif since[DROPPED]:
             self._unanswered += seconds
         waits = max(backlog.oldest, self._unanswered)
-        look = _Look(
+        look = _Sample(
             tally, since, counts, before, seconds, backlog, self._silent, waits, self._advice
         )
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
@@ -202,7 +202,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Sample:
     """What is known at a look."""
 
     tally: _Tally

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from array import array
 from concurrent.futures import Future
 from contextlib import suppress
@@ -108,9 +109,9 @@ class TunableNode(Node):  # type: ignore[misc]
                 self.get_logger().info(result.reason)
         return result
 
+    @abstractmethod
     def apply(self, parameters: FilterParameters) -> str:
-        """Use changed parameters; return what there is to say of when they are in force."""
-        raise NotImplementedError
+        """Use changed parameters; return a sentence if they take effect later, else ''."""
 
     def _is_as_it_is(self, item: RosParameter) -> bool:
         """Return whether a read-only parameter is given the value that it has."""

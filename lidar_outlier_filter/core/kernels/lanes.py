@@ -62,7 +62,7 @@ def rows_of_singles(count: int) -> Singles:
 
 @kernel
 def fill(points: Ints, selected: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
-    """Put the next wanted points of a range into lanes; those left over take the last one, too.
+    """Put the next selected points of a range into lanes; those left over take the last one, too.
 
     Returns how many points there are, and where to go on.
     """

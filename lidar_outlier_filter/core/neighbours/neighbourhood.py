@@ -24,7 +24,7 @@ LARGEST = 1e150  # metres: squares stay finite
 FINEST = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
 COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
 MOST_POINTS = 2**31 - 1  # their indices are int32
-# What a thread takes at once, about a millisecond: leaves where all points are wanted, and rows.
+# What a thread takes at once, about a millisecond: leaves where all points are selected, and rows.
 LEAVES, ROWS = 64, 1 << 14
 PART = 1 << 20  # points whose coordinates are checked at once
 # Up to this share it pays to keep the lists that are still right. Measured on the simulated street,
@@ -276,7 +276,7 @@ class Neighbourhood:
         return self._sorted
 
     def _search(self, nearest: Nearest, selected: Bools) -> None:
-        """Write the lists of the wanted points."""
+        """Write the lists of the selected points."""
         order, xyz, tree = self._build()
         levels, leaves = tree_steps.height(tree), tree_steps.leaves(tree)
         pool.run(

@@ -74,7 +74,7 @@ def search(
     index: Index,
     tied: Bools,
 ) -> None:
-    """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
+    """Write the rows of ``index`` and ``tied`` for all selected points in the leaves ``these``."""
     k = index.shape[1]
     # The first index is 0, but no literal one, which would be another type for numba.
     buffers, lists = make_buffers(k, levels), Lists(order, index, tied, tree.first[0])
@@ -145,7 +145,7 @@ def _each_alone(
 
 @device_function
 def _pick(selected: Bools, begin: int, end: int, queries: Ints) -> int:
-    """List the wanted points of a range, and return how many there are."""
+    """List the selected points of a range, and return how many there are."""
     count = 0
     for q in range(begin, end):
         queries[count] = q

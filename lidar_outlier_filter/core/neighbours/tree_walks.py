@@ -43,8 +43,8 @@ def carry_over(
 ) -> None:
     """Copy the lists of a range of points that are kept; their new indices are not negative.
 
-    Those that held a rejected point are wanted again, and those that were tied, because it may have
-    been with a rejected one.
+    Those that held a rejected point are searched again, and those that were tied, because it may
+    have been with a rejected one.
     """
     for q in range(begin, end):
         row = new_index[q]

@@ -69,7 +69,7 @@ def contributions(
 
 
 def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> tuple[Singles, Singles]:
-    """Return contributions (F, W) and averages (W,) of wanted points with a scan pattern."""
+    """Return contributions (F, W) and averages (W,) of selected points with a scan pattern."""
     model = load(PROFILE_MODEL if found.profile else PATTERN_MODEL)
     prepared = prepare_all(found, threads)
     first = first_pass(prepared, model.first, threads)
@@ -85,7 +85,7 @@ def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> tuple[Sin
 
 
 def _of_survey(seen: DetectorInput, selected: Bools) -> tuple[Singles, Singles]:
-    """Return contributions (F, W) and averages (W,) of wanted points without a scan pattern."""
+    """Return contributions (F, W) and averages (W,) of selected points without a scan pattern."""
     model, xyz = load(SURVEY_MODEL), seen.points.xyz
     hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
     if len(hood) <= K:  # too few points to judge
@@ -106,15 +106,15 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> tuple[Singles, Singles]:
 
 
 def _of_passes(
-    model: TreeModel, again: Bools, first_pass: Singles, second_pass: Singles
+    model: TreeModel, again: Bools, first: Singles, second: Singles
 ) -> tuple[Singles, Singles]:
     """Return contributions (F, W) and averages (W,) by the pass that judged each point.
 
-    ``first_pass`` and ``second_pass`` are the features of the points that each judged.
+    ``first`` and ``second`` are the features of the points that each pass judged.
     """
-    added = np.zeros((len(second_pass), len(again)), np.float32)
-    added[: len(first_pass), ~again] = contribute(model.first, first_pass)
-    added[:, again] = contribute(model.again, second_pass)
+    added = np.zeros((len(second), len(again)), np.float32)
+    added[: len(first), ~again] = contribute(model.first, first)
+    added[:, again] = contribute(model.again, second)
     average = np.where(again, average_of(model.again), average_of(model.first))
     return added, average.astype(np.float32)
 

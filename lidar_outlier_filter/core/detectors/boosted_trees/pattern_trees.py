@@ -284,7 +284,7 @@ def strongest_of_trees(
     selected: Bools,
     threads: int = 0,
 ) -> Bytes:
-    """Return the number (M,) of the feature that adds most to the log-odds of each wanted place.
+    """Return the number (M,) of the feature that adds most to the log-odds of each selected place.
 
     Parameters
     ----------
