@@ -141,7 +141,9 @@ def _run(options: argparse.Namespace) -> int:
     points, codes = _read(options)
     result = evaluate(points, codes)
     for number, table in enumerate(tables(result)):
-        show(*[''] * bool(number), table)
+        if number:
+            show('')
+        show(table)
     if options.output is not None:
         write(result, options.output, draw=draw)
         show(f'written to {options.output}')

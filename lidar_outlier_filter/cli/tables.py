@@ -26,12 +26,26 @@ if TYPE_CHECKING:
 MAX_ROWS = 1000  # of a table: more take a terminal seconds
 MAX_NAMES = 5  # of recordings without clouds, in the last line
 # Of ASPRS (LAS 1.4, table 17); 12 is reserved.
-_NAMES = (
-    'never classified, unclassified, ground, low vegetation, medium vegetation, high vegetation, '
-    'building, low point (noise), key point, water, rail, road surface, , wire guard, '
-    'wire conductor, transmission tower, wire connector, bridge deck, high noise'
-)
-CLASSES = dict(enumerate(_NAMES.split(', ')))
+CLASSES = {
+    0: 'never classified',
+    1: 'unclassified',
+    2: 'ground',
+    3: 'low vegetation',
+    4: 'medium vegetation',
+    5: 'high vegetation',
+    6: 'building',
+    7: 'low point (noise)',
+    8: 'key point',
+    9: 'water',
+    10: 'rail',
+    11: 'road surface',
+    13: 'wire guard',
+    14: 'wire conductor',
+    15: 'transmission tower',
+    16: 'wire connector',
+    17: 'bridge deck',
+    18: 'high noise',
+}
 # By a rule in metres.
 LOW_POINTS = 'to find more, try --chain boosted_trees,elevation --set elevation.against=ground'
 NOTABLE_SHARE = 0.005  # share of the points that rarely are outliers
