@@ -46,9 +46,8 @@ class Chain:
         self.parameters = parameters
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
-        self.methods: Counter[str] = (
-            Counter()
-        )  # blocks by how a detector judged, where it can choose
+        # Blocks by how a detector judged, where it can choose.
+        self.methods: Counter[str] = Counter()
         self.see: Callable[..., DetectorInput] = DetectorInput
         self.tile = 0.0  # side, metres, of the tiles of detectors that judge in tiles; 0: none does
         self.slow: SaySlow | None = None  # is called while a detector takes too long
