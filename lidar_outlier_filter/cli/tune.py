@@ -133,7 +133,7 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import write_yaml
     from lidar_outlier_filter.tuning import output as tuned
-    from lidar_outlier_filter.tuning.search import Goal, tune
+    from lidar_outlier_filter.tuning.search import tune
     from lidar_outlier_filter.tuning.training import together
 
     output = options.output or beside(options.data[0], '_tuned.yaml')
@@ -141,7 +141,6 @@ def _run(options: argparse.Namespace) -> int:
     if folds is None:
         folds = FOLDS if len(options.data) == 1 else len(options.data)
     check_new(output)
-    goal = Goal(options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
     requested = _parse_searches(options.searched)
     with stoppable_bar('tuning') as progress:
@@ -150,7 +149,7 @@ def _run(options: argparse.Namespace) -> int:
         found = tune(
             data,
             parameters,
-            goal,
+            options.most_lost,
             folds,
             requested=requested,
             kept=options.keep,
@@ -204,8 +203,7 @@ def _parse_search(text: str) -> tuple[str, Sequence[object]]:
 def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters) -> Training:
     """Read the clouds of a recording or a file, and their truth."""
     from lidar_outlier_filter.evaluation.judged import CAUSES
-    from lidar_outlier_filter.evaluation.labels import is_recording
-    from lidar_outlier_filter.tuning.training import from_file, from_recording
+    from lidar_outlier_filter.tuning.training import read_training
 
     if options.labels and len(options.data) > 1:
         must_be = 'given for one recording; of several, the truth is in their clouds'
@@ -216,13 +214,15 @@ def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters)
         if files or options.label or options.codes or options.ignore:
             raise RecordingError('--inject', 'given without labels', 'both')
         codes = CAUSES
-    if is_recording(path):
-        truth = injection or files or options.label or 'label'
-        return from_recording(path, parameters, codes, options.topic, truth)
-    if len(files) > 1:
-        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
-    labels = files[0] if files else None
-    return from_file(path, parameters, codes, options.label, labels, injection)
+    return read_training(
+        path,
+        parameters,
+        codes,
+        topic=options.topic,
+        label=options.label,
+        files=files,
+        injection=injection,
+    )
 
 
 def _injection(options: argparse.Namespace) -> Injection | None:

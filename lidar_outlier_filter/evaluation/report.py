@@ -202,7 +202,7 @@ def tables(result: Evaluation) -> list[Table]:
     return answer
 
 
-def _table(*columns: str) -> Table:
+def number_table(*columns: str) -> Table:
     """Make a table whose first column is a text and all others are numbers."""
     answer = Table(*columns, box=None, pad_edge=False)
     for column in answer.columns:
@@ -213,14 +213,14 @@ def _table(*columns: str) -> Table:
 
 
 def _figures(result: Evaluation) -> Table:
-    answer = _table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
+    answer = number_table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
     whole = result.whole
     answer.add_row('points', f'{whole.total:,}')
     for name, (title, of) in SHARES.items():
         share: Share = getattr(whole, name)
-        limits = _limits(share.interval)
-        answer.add_row(title, f'{share.part:,}', percent(share.ratio), of, limits)
-    answer.add_row('F1', '', percent(whole.f1), '', _limits(result.f1_interval))
+        interval = limits(share.interval)
+        answer.add_row(title, f'{share.part:,}', percent(share.ratio), of, interval)
+    answer.add_row('F1', '', percent(whole.f1), '', limits(result.f1_interval))
     if result.untested is not None:
         unknown = result.untested
         answer.add_row('untested, and so kept', f'{unknown.total:,}')
@@ -232,16 +232,18 @@ def _figures(result: Evaluation) -> Table:
 
 
 def _shares(title: str, shares: Mapping[str, Share]) -> Table:
-    answer = _table(title, 'points', 'identified', 'share', f'{100 * CONFIDENCE:g} % interval')
+    answer = number_table(
+        title, 'points', 'identified', 'share', f'{100 * CONFIDENCE:g} % interval'
+    )
     for name, share in shares.items():
-        limits = _limits(share.interval)
+        interval = limits(share.interval)
         counts = (f'{share.total:,}', f'{share.part:,}')
-        answer.add_row(name, *counts, percent(share.ratio), limits)
+        answer.add_row(name, *counts, percent(share.ratio), interval)
     return answer
 
 
 def _groups(title: str, groups: Mapping[str, Confusion]) -> Table:
-    answer = _table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
+    answer = number_table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
     answer.padding = (0, 1, 0, 0)  # in 80 columns, with the longest name
     for name, one in groups.items():
         ratios = (one.recall.ratio, one.precision.ratio, one.f1)
@@ -260,7 +262,8 @@ def percent(ratio: float) -> str:
     return f'{value:.{max(decimals, 2)}f} %'
 
 
-def _limits(interval: Interval) -> str:
+def limits(interval: Interval) -> str:
+    """Write an interval in percent."""
     if math.isnan(interval.low):
         return '–'
     return f'{percent(interval.low)} – {percent(interval.high)}'

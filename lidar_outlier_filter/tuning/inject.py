@@ -8,7 +8,6 @@ was measured wrongly. Class 1 are single points, class 2 clusters, which keep to
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -20,19 +19,23 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from lidar_outlier_filter.core.annotations import Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 
-MOST_SHARE = 0.5
+MAX_SHARE = 0.5
+CLUSTERED = 0.5  # of the outliers
+MIN_SIZE, MAX_SIZE = 2, 30  # points of a cluster
+SPREAD = 0.3  # metres, standard deviation of the points around the middle of their cluster
+WINDOW = SECOND // 5  # good points up to so many nanoseconds apart are seen together
 TRIES = 200  # until a position is given up to be found
 
 
 @dataclass(frozen=True)
 class Injection:
-    """How many outliers of which kind; the defaults are those of Pirotti et al.
+    """How many outliers; what is not said here is as Pirotti et al. have it.
 
     Attributes
     ----------
@@ -41,29 +44,19 @@ class Injection:
         Metres from the position a point had, at random between them; and at least low from every
         good point that is seen with it. Clusters are twice as far at least: theirs is the
         distance of the middle, and the paper has 2 m for it.
-    clustered : share of the outliers that are in clusters, as far as these find points that were
-        taken after each other
-    size : (low, high)
-        Points of a cluster, both inclusive.
-    spread : standard deviation of the points around the middle of their cluster, metres
-    window : good points up to so many seconds apart are seen together
     seed : the same seed, the same outliers
 
     """
 
     share: float = 0.0026
     distance: tuple[float, float] = (1.0, 200.0)
-    clustered: float = 0.5
-    size: tuple[int, int] = (2, 30)
-    spread: float = 0.3
-    window: float = 0.2
     seed: int = 1
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         low, high = self.distance
-        if not 0 < self.share <= MOST_SHARE:
-            must_be = f'more than 0, at most {MOST_SHARE}'
+        if not 0 < self.share <= MAX_SHARE:
+            must_be = f'more than 0, at most {MAX_SHARE}'
             raise FilterError('the share of outliers to inject', must_be, self.share)
         if not 0 < 2 * low < high < np.inf:
             got = f'{low:g} and {high:g}'
@@ -93,15 +86,18 @@ def inject(
     """
     rng = np.random.default_rng(how.seed)
     first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
-    code, groups = _choose(first, how, rng)
-    xyz = np.concatenate([cloud.xyz for cloud in clouds]) if clouds else np.zeros((0, 3))
-    is_good = code == Cause.GOOD
-    for begin, end, seen in _windows(clouds, first, how.window):
-        good = np.concatenate([xyz[part][is_good[part]] for part in seen])
-        for kind in (Cause.SINGLE, Cause.CLUSTER):
-            here = bisect_left(groups[kind], begin, key=lambda group: group.start)
-            there = bisect_left(groups[kind], end, key=lambda group: group.start)
-            _move(xyz, groups[kind][here:there], good, how, rng)
+    code, groups = _choose(first, how.share, rng)
+    xyz = np.concatenate([cloud.xyz for cloud in clouds])
+    t = np.concatenate([cloud.t for cloud in clouds])
+    slot = (t - t.min()) // WINDOW
+    good = np.flatnonzero(code == Cause.GOOD)
+    good = good[np.argsort(slot[good], kind='stable')]
+    at = np.array([slot[group.start] for group in groups])
+    for number in np.unique(at).tolist():
+        # A cluster may end in the next slot, which is seen with the one behind it.
+        begin, end = np.searchsorted(slot[good], (number - 1, number + 3))
+        mine = [groups[k] for k in np.flatnonzero(at == number)]
+        _move(xyz, mine, xyz[good[begin:end]], how.distance, rng)
     made = []
     for number, (cloud, start) in enumerate(zip(clouds, first.tolist(), strict=False)):
         part = slice(start, start + len(cloud))
@@ -114,93 +110,60 @@ def inject(
     return made, code
 
 
-def _choose(
-    first: Ints, how: Injection, rng: np.random.Generator
-) -> tuple[Ints, dict[Cause, list[slice]]]:
+def _choose(first: Ints, share: float, rng: np.random.Generator) -> tuple[Ints, list[slice]]:
     """Choose which points become outliers: stretches of neighbours, and single ones between."""
     total = int(first[-1])
-    requested = round(how.share * total)
-    if requested < 1:
-        must_be = f'enough for one outlier at a share of {how.share:g}'
+    count = round(share * total)
+    if count < 1:
+        must_be = f'enough for one outlier at a share of {share:g}'
         raise FilterError('the points to inject outliers into', must_be, total)
     code = np.full(total, int(Cause.GOOD), np.int64)
     cloud_of = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    groups: dict[Cause, list[slice]] = {Cause.SINGLE: [], Cause.CLUSTER: []}
-    left = round(how.clustered * requested)
-    smallest, largest = how.size
-    for _ in range(TRIES * (requested // smallest + 1)):
-        if left < smallest:
+    groups: list[slice] = []
+    left = round(CLUSTERED * count)
+    for _ in range(TRIES * (count // MIN_SIZE + 1)):
+        if left < MIN_SIZE:
             break
-        size = min(int(rng.integers(smallest, largest, endpoint=True)), left)
+        size = min(int(rng.integers(MIN_SIZE, MAX_SIZE, endpoint=True)), left)
         start = int(rng.integers(total - size + 1)) if size <= total else 0
         members = slice(start, start + size)
         # Neighbours of one cloud, and of no other cluster.
         if cloud_of[start] == cloud_of[members.stop - 1] and not code[members].any():
             code[members] = Cause.CLUSTER
-            groups[Cause.CLUSTER].append(members)
+            groups.append(members)
             left -= size
-    groups[Cause.CLUSTER].sort(key=lambda group: group.start)
-    singles = requested - int(np.count_nonzero(code))
-    free = np.flatnonzero(code == Cause.GOOD)
-    for index in np.sort(rng.choice(free, singles, replace=False)).tolist():
-        code[index] = Cause.SINGLE
-        groups[Cause.SINGLE].append(slice(index, index + 1))
-    return code, groups
-
-
-def _windows(
-    clouds: Sequence[Points], first: Ints, window: float
-) -> Iterator[tuple[int, int, list[slice]]]:
-    """Put clouds together: their points, from where to where, and all that are seen with these.
-
-    Those of other clouds up to a window before the first of them and after the last.
-    """
-    there = [number for number, cloud in enumerate(clouds) if len(cloud) > 0]
-    low = np.array([clouds[number].t.min() for number in there])
-    high = np.array([clouds[number].t.max() for number in there])
-    parts = [slice(int(first[number]), int(first[number + 1])) for number in there]
-    longest, begin = round(window * SECOND), 0
-    while begin < len(there):
-        late = np.flatnonzero(high[begin + 1 :] - low[begin] > longest)
-        end = begin + 1 + int(late[0]) if len(late) else len(there)
-        until, since = high[begin:end].max() + longest, low[begin:end].min() - longest
-        seen = np.flatnonzero((low <= until) & (high >= since)).tolist()
-        yield parts[begin].start, parts[end - 1].stop, [parts[k] for k in seen]
-        begin = end
+    singles = count - int(np.count_nonzero(code))
+    chosen = rng.choice(np.flatnonzero(code == Cause.GOOD), singles, replace=False)
+    code[chosen] = Cause.SINGLE
+    return code, groups + [slice(index, index + 1) for index in np.sort(chosen).tolist()]
 
 
 def _move(
     xyz: Floats,
     groups: Sequence[slice],
     good: Floats,
-    how: Injection,
+    distance: tuple[float, float],
     rng: np.random.Generator,
 ) -> None:
     """Move groups of points as a whole, until none is too near to a good point."""
-    if not groups:
-        return
-    tree = cKDTree(good)
-    low, high = how.distance
-    left = list(groups)
+    tree, left = cKDTree(good), groups
+    low, high = distance
     for _ in range(TRIES):
-        moved = [_moved(xyz[group], low, high, how.spread, rng) for group in left]
-        sizes = [len(points) for points in moved]
-        near = tree.query(np.concatenate(moved), workers=-1)[0] < low
-        which = np.repeat(np.arange(len(left)), sizes)
+        moved = [_moved(xyz[group], low, high, rng) for group in left]
+        near: Bools = tree.query(np.concatenate(moved), workers=-1)[0] < low
+        which = np.repeat(np.arange(len(left)), [len(points) for points in moved])
         failed = np.bincount(which[near], minlength=len(left)) > 0
         for group, points, again in zip(left, moved, failed.tolist(), strict=True):
             if not again:
                 xyz[group] = points
-        left = [group for group, again in zip(left, failed.tolist(), strict=True) if again]
+        left = [left[k] for k in np.flatnonzero(failed).tolist()]
         if not left:
             return
     must_be = f'with room {low:g} to {high:g} m away from all points'
     raise FilterError('the cloud to inject outliers into', must_be, 'none found')
 
 
-def _moved(
-    points: Floats, low: float, high: float, spread: float, rng: np.random.Generator
-) -> Floats:
+def _moved(points: Floats, low: float, high: float, rng: np.random.Generator) -> Floats:
     """Give a group another position: a single point, or a cluster around its first one."""
     single = len(points) == 1
     direction = rng.standard_normal(3)
@@ -208,5 +171,5 @@ def _moved(
     middle: Floats = points[0] + direction * rng.uniform(low if single else 2 * low, high)
     if single:
         return middle[None]
-    around: Floats = middle + spread * rng.standard_normal(points.shape)
+    around: Floats = middle + SPREAD * rng.standard_normal(points.shape)
     return around

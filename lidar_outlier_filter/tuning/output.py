@@ -11,17 +11,13 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from lidar_outlier_filter.evaluation.confusion import CONFIDENCE, Confusion, f1_interval
-from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.evaluation.report import limits, number_table, percent
 from lidar_outlier_filter.parameters.yaml_files import as_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from lidar_outlier_filter.core.annotations import Ints
-    from lidar_outlier_filter.evaluation.confusion import Interval
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -56,64 +52,40 @@ class Tuned:
     notes: tuple[str, ...] = ()
 
 
-def tables(found: Tuned, start: FilterParameters) -> list[Table]:
-    """Lay out what the chain was worth, is, and will be; then what was changed."""
-    answer = [_worth(found), _values(found, start)]
-    if len(found.alone) > 1:
-        answer.append(_alone(found))
-    return answer
-
-
-def whole(counts: NDArray[np.int64]) -> Confusion:
+def whole(counts: Ints) -> Confusion:
     """Add up the tallies of all stretches."""
     return Confusion(*counts.sum(axis=0).tolist())
 
 
-def _worth(found: Tuned) -> Table:
-    interval = f'{100 * CONFIDENCE:g} % interval'
+def tables(found: Tuned, start: FilterParameters) -> list[Table]:
+    """Lay out what the chain was worth, is, and will be; then what was changed."""
     tallies = {'start': found.before, 'tuned': found.after, 'to expect': found.held_out}
     if found.default is not None:
         tallies = {'default': found.default, **tallies}
-    answer = Table('', *tallies, interval, box=None, pad_edge=False)
-    for column in answer.columns[1:]:
-        column.justify = 'right'
+    worth = number_table('', *tallies, f'{100 * CONFIDENCE:g} % interval')
     runs = [whole(counts) for counts in tallies.values()]
     expected = f1_interval(found.held_out)
-    for name, ratios, limits in (
-        ('F1', [run.f1 for run in runs], expected),
-        ('precision', [run.precision.ratio for run in runs], None),
-        ('recall', [run.recall.ratio for run in runs], None),
-        ('good points lost', [run.false_rejections.ratio for run in runs], None),
-    ):
-        answer.add_row(name, *(percent(ratio) for ratio in ratios), _limits(limits))
-    return answer
-
-
-def _limits(interval: Interval | None) -> str:
-    if interval is None or math.isnan(interval.low):
-        return ''
-    return f'{percent(interval.low)} – {percent(interval.high)}'
+    low_to_high = '' if math.isnan(expected.low) else limits(expected)
+    worth.add_row('F1', *(percent(run.f1) for run in runs), low_to_high)
+    worth.add_row('precision', *(percent(run.precision.ratio) for run in runs))
+    worth.add_row('recall', *(percent(run.recall.ratio) for run in runs))
+    worth.add_row('good points lost', *(percent(run.false_rejections.ratio) for run in runs))
+    # What each detector is needed for.
+    alone = number_table('rejected by it alone', 'outliers', 'good points')
+    for name, (outliers, good) in found.alone.items():
+        alone.add_row(name, f'{outliers:,}', f'{good:,}')
+    return [worth, _values(found, start), *([alone] if len(found.alone) > 1 else [])]
 
 
 def _values(found: Tuned, start: FilterParameters) -> Table:
-    answer = Table('parameter', 'start', 'tuned', 'without each fold', box=None, pad_edge=False)
+    table = Table('parameter', 'start', 'tuned', 'without each fold', box=None, pad_edge=False)
     before, after = start.flat(), found.parameters.flat()
     for name, start_value in before.items():
         others = [fold.get(name, start_value) for fold in found.folds]
         if any(value != start_value for value in (after[name], *others)):
             texts = ', '.join(dict.fromkeys(as_yaml(value) for value in others))
-            answer.add_row(name, as_yaml(start_value), as_yaml(after[name]), texts)
-    return answer
-
-
-def _alone(found: Tuned) -> Table:
-    """Say what each detector is needed for: what no other one rejects."""
-    answer = Table('rejected by it alone', 'outliers', 'good points', box=None, pad_edge=False)
-    for column in answer.columns[1:]:
-        column.justify = 'right'
-    for name, (outliers, good) in found.alone.items():
-        answer.add_row(name, f'{outliers:,}', f'{good:,}')
-    return answer
+            table.add_row(name, as_yaml(start_value), as_yaml(after[name]), texts)
+    return table
 
 
 def sentence(found: Tuned, source: str) -> str:

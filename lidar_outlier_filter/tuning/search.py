@@ -10,8 +10,7 @@ F1 is measured on stretches that a search has not seen: the search is repeated w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,37 +43,14 @@ MIN_FOLDS = 2
 MIN_TRIED = 3  # values of a parameter whose ends are limits of the search
 
 
-@dataclass(frozen=True)
-class Goal:
-    """The objective of a search: F1 under a limit of false rejections.
-
-    Attributes
-    ----------
-    most_lost : share of the good points that may be rejected; beyond it, the fewer the better
-
-    """
-
-    most_lost: float = 0.01
-
-    def __post_init__(self) -> None:
-        """Refuse an invalid limit."""
-        if not 0 < self.most_lost <= 1:
-            must_be = 'more than 0, at most 1'
-            raise FilterError('the share of good points that may be lost', must_be, self.most_lost)
-
-    def worth(self, counts: Ints) -> Floats:
-        """Return the F1 of tallies (..., 4), or minus the share lost where it exceeds the limit."""
-        lost = counts[..., LOST] / np.maximum(counts[..., LOST] + counts[..., KEPT], 1)
-        value: Floats = np.where(lost <= self.most_lost, np.nan_to_num(f1(counts)), -lost)
-        return value
+Choice = tuple[int, int]  # index of a setting, and of a value of the threshold; one beyond: off
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Indices of a setting and of a threshold of a detector; one beyond the last value: off."""
-
-    setting: int
-    value: int
+def value_of(counts: Ints, most_lost: float) -> Floats:
+    """Return the F1 of tallies (..., 4), or minus the share lost where it exceeds the limit."""
+    lost = counts[..., LOST] / np.maximum(counts[..., LOST] + counts[..., KEPT], 1)
+    value: Floats = np.where(lost <= most_lost, np.nan_to_num(f1(counts)), -lost)
+    return value
 
 
 def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> NDArray[np.uint16]:
@@ -138,7 +114,7 @@ def middle_of_best(worth: Floats) -> int:
 def tune(  # noqa: PLR0913  what the command line offers
     data: Training,
     parameters: FilterParameters,
-    goal: Goal,
+    most_lost: float = 0.01,
     folds: int = 5,
     *,
     requested: Mapping[str, Sequence[object]] | None = None,
@@ -151,7 +127,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     ----------
     data : points whose truth is known
     parameters : the chain, and all that is not searched; also where the search begins
-    goal : what to look for
+    most_lost : share of the good points that may be rejected; beyond it, the fewer the better
     folds : parts, each in one piece, that are left out in turn: of the recording; or, of several
         recordings, whole ones
     requested : values to try, by parameter, instead of or beside those of the table
@@ -162,13 +138,16 @@ def tune(  # noqa: PLR0913  what the command line offers
     Raises
     ------
     FilterError
-        If there are fewer than two folds, or more of them than stretches or recordings, or a
-        parameter cannot be searched.
+        If the limit is no share, there are fewer than two folds, or more of them than stretches
+        or recordings, or a parameter cannot be searched.
 
     """
+    if not 0 < most_lost <= 1:
+        must_be = 'more than 0, at most 1'
+        raise FilterError('the share of good points that may be lost', must_be, most_lost)
     fold = fold_of_each(data, folds)
     listed = searches(parameters, requested, kept)
-    searcher = Searcher(data, parameters, listed, goal, progress)
+    searcher = Searcher(data, parameters, listed, most_lost, progress)
     held_out = np.zeros((data.stretches, 4), np.int64)
     found = []
     for number in range(folds):
@@ -234,17 +213,13 @@ def _notes(listed: Sequence[Search], values: Values, verdict: Verdict) -> tuple[
     """Name values at an end of the values tried, and detectors that reject nothing."""
     notes = []
     for search in listed:
-        tried: dict[str, set[Any]] = {search.threshold.name: set(search.threshold.values)}
-        for setting in search.settings:
-            for name, value in setting.items():
-                tried.setdefault(name, set()).add(value)
-        for name, choices in tried.items():
-            if len(choices) < MIN_TRIED or any(isinstance(one, str) for one in choices):
-                continue
-            for end, value in (('smallest', min(choices)), ('largest', max(choices))):
-                if values.get(name) == value:
-                    text = f'{name}: {as_yaml(value)} is the {end} value tried'
-                    notes.append(f'{text}. --search tries others.')
+        tried = {name: {one[name] for one in search.settings} for name in search.settings[0]}
+        for name, choices in {search.threshold.name: search.threshold.values, **tried}.items():
+            value: Any = values.get(name)
+            ends: dict[Any, str] = {min(choices): 'smallest', max(choices): 'largest'}
+            if len(choices) >= MIN_TRIED and value in ends and not isinstance(value, str):
+                end = f'{as_yaml(value)} is the {ends[value]} value tried'
+                notes.append(f'{name}: {end}. --search tries others.')
         if not (verdict.detectors & DETECTORS[search.detector].bit).any():
             notes.append(f'{search.detector} rejects no point with the parameters found.')
     return tuple(notes)
@@ -264,15 +239,15 @@ class Searcher:
         data: Training,
         parameters: FilterParameters,
         listed: Sequence[Search],
-        goal: Goal,
+        most_lost: float,
         progress: Progress,
     ) -> None:
         """Run every detector, alone, in each of its settings and near its usual threshold."""
-        self._data, self._parameters, self._goal = data, parameters, goal
+        self._data, self._parameters, self._most_lost = data, parameters, most_lost
         self._searches = {search.detector: search for search in listed}
         self._needed = max(parameters.vote, 1)
-        self._counts: dict[tuple[tuple[str, object], ...], Ints] = {}
-        self._verdicts: dict[tuple[tuple[str, object], ...], Verdict] = {}
+        self._verdict = lru_cache(MAX_VERDICTS)(self._run_chain)
+        self._count = cache(lambda values: _tally(data, self._verdict(values).rejected))
         self._levels: dict[tuple[str, int], NDArray[np.uint16]] = {}
         usual = {item.name: item.default for item in describe()}
         total = sum(len(search.settings) for search in listed)
@@ -297,22 +272,17 @@ class Searcher:
 
         return levels(search.threshold, search.threshold.statistic(score_of, value))
 
+    def _run_chain(self, values: tuple[tuple[str, object], ...]) -> Verdict:
+        self.report()
+        return self._data.judge(self._parameters.changed(dict(values)))
+
     def judge(self, values: Values) -> Verdict:
         """Run the chain with some parameters changed."""
-        key = tuple(sorted(values.items()))
-        if key not in self._verdicts:
-            while len(self._verdicts) >= MAX_VERDICTS:
-                del self._verdicts[next(iter(self._verdicts))]
-            self.report()
-            self._verdicts[key] = self._data.judge(self._parameters.changed(values))
-        return self._verdicts[key]
+        return self._verdict(tuple(sorted(values.items())))
 
     def measure(self, values: Values) -> Ints:
         """Run the chain with some parameters changed; tally by stretch, (S, 4)."""
-        key = tuple(sorted(values.items()))
-        if key not in self._counts:
-            self._counts[key] = _tally(self._data, self.judge(values).rejected)
-        return self._counts[key]
+        return self._count(tuple(sorted(values.items())))
 
     def find(self, train: Bools) -> dict[str, object]:
         """Search on the stretches (S,) given; return the changed parameters."""
@@ -320,7 +290,7 @@ class Searcher:
         bad, good = self._data.bad & points, self._data.good & points
 
         def worth(candidate: Values) -> float:
-            return float(self._goal.worth(self.measure(candidate)[train].sum(axis=0)))
+            return float(value_of(self.measure(candidate)[train].sum(axis=0), self._most_lost))
 
         values = self._propose(bad, good)
         for _ in range(MAX_ROUNDS):
@@ -336,26 +306,9 @@ class Searcher:
     def _propose(self, bad: Bools, good: Bools) -> dict[str, object]:
         """Choose settings and thresholds of all detectors for each other by their cached scores."""
         alone = {name: self._best(name, bad, good, {}, 1) for name in self._searches}
-        # Begin with the best one, or with all of them at once, as where several must agree.
         order = sorted(alone, key=lambda name: -alone[name][0])
-        starts: list[dict[str, Choice]] = [{name: alone[name][1] for name in order}]
-        if self._needed == 1:
-            starts.insert(0, {})
-        found = [self._descend(start, order, bad, good) for start in starts]
-        _, chosen = max(found, key=lambda pair: pair[0])
-        values: dict[str, object] = {}
-        for name, choice in chosen.items():
-            search = self._searches[name]
-            # A detector that would better be off rejects as little as it can.
-            last = len(search.threshold.values) - 1
-            value = search.threshold.values[min(choice.value, last)]
-            values |= {**search.settings[choice.setting], search.threshold.name: value}
-        return values
-
-    def _descend(
-        self, chosen: dict[str, Choice], order: Sequence[str], bad: Bools, good: Bools
-    ) -> tuple[float, dict[str, Choice]]:
-        """Choose for one detector after the other, until nothing changes."""
+        # Begin with the best one; where several must agree, with all of them at once.
+        chosen = {} if self._needed == 1 else {name: alone[name][1] for name in order}
         worth = -np.inf
         for _ in range(MAX_ROUNDS):
             before = worth
@@ -366,24 +319,33 @@ class Searcher:
                     chosen, worth = {**others, name: choice}, found
             if worth == before:
                 break
-        return worth, chosen
+        values: dict[str, object] = {}
+        for name, (setting, number) in chosen.items():
+            search = self._searches[name]
+            tried = search.threshold.values
+            # A detector that would better be off rejects as little as it can.
+            values |= {
+                **search.settings[setting],
+                search.threshold.name: (*tried, tried[-1])[number],
+            }
+        return values
 
     def _best(
         self, name: str, bad: Bools, good: Bools, others: Mapping[str, Choice], needed: int
     ) -> tuple[float, Choice]:
         """Find the best setting and value of a detector beside the rejections of others."""
         count = np.zeros(len(self._data), np.uint8)
-        for other, choice in others.items():
-            count += self._levels[other, choice.setting] > choice.value
+        for other, (setting, number) in others.items():
+            count += self._levels[other, setting] > number
         search = self._searches[name]
         most = len(search.threshold.values)
-        best, chosen = -np.inf, Choice(0, most)
-        for number in range(len(search.settings)):
-            counts = sweep(self._levels[name, number], most, bad, good, count, needed)
-            worth = self._goal.worth(counts)
-            value = middle_of_best(worth)
-            if worth[value] > best:
-                best, chosen = float(worth[value]), Choice(number, value)
+        best, chosen = -np.inf, (0, most)
+        for setting in range(len(search.settings)):
+            counts = sweep(self._levels[name, setting], most, bad, good, count, needed)
+            worth = value_of(counts, self._most_lost)
+            number = middle_of_best(worth)
+            if worth[number] > best:
+                best, chosen = float(worth[number]), (setting, number)
         return best, chosen
 
     def _swept_again(
@@ -403,5 +365,5 @@ class Searcher:
         now = self._parameters.changed(values).flat()[threshold.name]
         level = self._run(search, values, now, seen)
         counts = sweep(level, len(threshold.values), bad, good, others, self._needed)
-        worth = self._goal.worth(counts[:-1])
+        worth = value_of(counts[:-1], self._most_lost)
         return {**values, threshold.name: threshold.values[middle_of_best(worth)]}

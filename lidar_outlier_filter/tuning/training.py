@@ -4,22 +4,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidar_outlier_filter.core.engine.blocks import Blocks
-from lidar_outlier_filter.core.engine.chain import Chain, along_lines, uses_lines
+from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.engine.whole_cloud import with_rings
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, with_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.labels import CloudLabels, read_codes_of
+from lidar_outlier_filter.evaluation.labels import CloudLabels, is_recording, read_codes_of
+from lidar_outlier_filter.evaluation.report import STRETCHES
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
-from lidar_outlier_filter.tuning.inject import Injection, inject
+from lidar_outlier_filter.tuning.inject import inject
 
 if TYPE_CHECKING:
     from collections.abc import Sequence, Sized
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning.inject import Injection
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Training:
     streamed: bool = True
     refused: int = 0
     without_pose: int = 0
-    frames: tuple[str, ...] = ()
+    frames: Sequence[str] = ()
     parts: tuple[Training, ...] = ()
 
     def __len__(self) -> int:
@@ -72,18 +74,17 @@ class Training:
     @property
     def sources(self) -> Ints:
         """The recording that each stretch, (S,), is of."""
-        return np.repeat(
-            np.arange(len(self.parts) or 1), [p.stretches for p in self.parts or [self]]
-        )
+        parts = self.parts or (self,)
+        return np.repeat(np.arange(len(parts)), [part.stretches for part in parts])
 
     def judge(self, parameters: FilterParameters, seen: Bools | None = None) -> Verdict:
         """Judge all points as the node would, or as if those that are not seen were not there."""
         if self.parts:
-            masks = self._split(seen, self.parts)
+            masks = _split(seen, self.parts)
             return _joined([p.judge(parameters, m) for p, m in zip(self.parts, masks, strict=True)])
         clouds: Sequence[Points] = self.clouds
         if seen is not None:
-            masks = self._split(seen, clouds)
+            masks = _split(seen, clouds)
             clouds = [cloud.take(mask) for cloud, mask in zip(clouds, masks, strict=True)]
         if self.streamed:
             result = _stream(clouds, self.frames or [''] * len(clouds), parameters)
@@ -95,12 +96,12 @@ class Training:
         verdict.put(seen, result)
         return verdict
 
-    @staticmethod
-    def _split(seen: Bools | None, parts: Sequence[Sized]) -> list[Any]:
-        """Cut a mask of all points into those of the parts."""
-        if seen is None:
-            return [None] * len(parts)
-        return np.split(seen, np.cumsum([len(part) for part in parts])[:-1])
+
+def _split(seen: Bools | None, parts: Sequence[Sized]) -> list[Any]:
+    """Cut a mask of all points into those of the parts."""
+    if seen is None:
+        return [None] * len(parts)
+    return np.split(seen, np.cumsum([len(part) for part in parts])[:-1])
 
 
 def together(parts: Sequence[Training]) -> Training:
@@ -142,105 +143,107 @@ def _joined(verdicts: Sequence[Verdict]) -> Verdict:
     return Verdict(**columns)
 
 
-def from_recording(  # noqa: PLR0913  what the command line offers
-    recording: Path,
+def read_training(  # noqa: PLR0913  what the command line offers
+    path: Path,
     parameters: FilterParameters,
     codes: Codes,
+    *,
     topic: str | None = None,
-    truth: str | Sequence[Path] | Injection = 'label',
-    stretches: int = 20,
+    label: str = '',
+    files: Sequence[Path] = (),
+    injection: Injection | None = None,
 ) -> Training:
-    """Read the clouds of a topic and their truth.
+    """Read points and their truth: clouds of a recording, or a file, which is judged as a whole.
 
     Parameters
     ----------
-    recording : any that ``replay`` reads
+    path : recording that ``replay`` reads, or file that ``clean`` reads
     parameters : how the clouds are read and moved, and what makes a block
     codes : what the labels mean
     topic : of clouds; None: the only one
-    truth : field of the clouds; or a file for each cloud, in order; or how to make outliers of
-        points that are good, all of them
-    stretches : how many to cut it into, of equal numbers of points
+    label : field or column with the truth; empty: the usual one
+    files : with the truth: one for each cloud, in order; none: it is in the clouds
+    injection : how to make outliers of points that are good, all of them; None: there are labels
+
+    Returns
+    -------
+    Training
+        In stretches of equal numbers of points: by time, or along the longest side of a file.
 
     Raises
     ------
     FilterError
-        If the recording cannot be read, or has no such topic, field or truth.
+        If something cannot be read, there is no such topic, field or truth, or a file lacks what
+        the chain needs.
 
     """
-    injected = isinstance(truth, Injection)
-    files = () if isinstance(truth, str | Injection) else truth
-    field = truth if isinstance(truth, str) else ''
-    labels = CloudLabels(topic or 'the topic', field, files)
-    source = RecordedClouds(recording, parameters, topic, with_eyes=injected)
+    if is_recording(path):
+        labels = CloudLabels(topic or 'the topic', label, files)
+        clouds, code, facts = _read_recording(path, parameters, topic, labels, injection)
+        along = np.concatenate([cloud.t for cloud in clouds] or [code])
+    else:
+        clouds, code = _read_file(path, parameters, label, files, injection)
+        facts, xyz = {'streamed': False}, clouds[0].xyz
+        along = xyz[:, int(np.argmax(np.ptp(xyz, axis=0))) if len(xyz) else 0]
+    counted, bad = codes.counted(code), codes.bad(code)
+    bad, good = bad & counted, ~bad & counted
+    if not (bad.any() and good.any()):
+        got = f'{np.count_nonzero(bad)} outliers and {np.count_nonzero(good)} good points'
+        raise RecordingError('the points to learn from', 'outliers and good points', got)
+    return Training(tuple(clouds), bad, good, cut(along, STRETCHES), STRETCHES, **facts)
+
+
+def _read_recording(
+    path: Path,
+    parameters: FilterParameters,
+    topic: str | None,
+    labels: CloudLabels,
+    injection: Injection | None,
+) -> tuple[Sequence[Points], Ints, dict[str, Any]]:
+    """Read the clouds of a topic, the code of each point, and what else training has of them."""
+    source = RecordedClouds(path, parameters, topic, with_eyes=injection is not None)
     clouds, frames, eyes, read = [], [], [], [np.zeros(0, np.int64)]
     for cloud in source:
         clouds.append(cloud.cloud.points)
         frames.append(cloud.cloud.frame)
         eyes.append(cloud.eye)
-        if not injected:
+        if injection is None:
             read.append(labels.read(cloud.number, cloud.msg)[cloud.cloud.where])
     labels.check_count(len(source.times))
-    if isinstance(truth, Injection):
-        clouds, code = inject(clouds, truth, eyes)
-    else:
-        code = np.concatenate(read)
-    t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
-    found = _checked(clouds, code, codes, cut(t, stretches), stretches, streamed=True)
+    code = np.concatenate(read)
+    if injection is not None:
+        clouds, code = inject(clouds, injection, eyes)
     refused = len(source.times) - len(clouds)
-    return replace(
-        found,
-        frames=tuple(frames),
-        refused=refused,
-        without_pose=source.read.pipeline.statistics.without_pose,
-    )
+    facts = {
+        'frames': frames,
+        'refused': refused,
+        'without_pose': source.read.pipeline.statistics.without_pose,
+    }
+    return clouds, code, facts
 
 
-def from_file(  # noqa: PLR0913  what the command line offers
+def _read_file(
     path: Path,
     parameters: FilterParameters,
-    codes: Codes,
-    label: str = '',
-    labels: Path | None = None,
-    injection: Injection | None = None,
-    stretches: int = 20,
-) -> Training:
-    """Read a cloud that is a file, to be judged as a whole, as ``clean`` does.
-
-    Parameters
-    ----------
-    path : any file that ``clean`` reads
-    parameters : how it is read
-    codes : what the labels mean
-    label : column with the truth
-    labels : file with the truth, in the same order; None: the cloud itself
-    injection : how to make outliers; None: the truth is in the labels
-    stretches : how many to cut it into, of equal numbers of points, along its longest side
-
-    Raises
-    ------
-    FilterError
-        If a file cannot be read, has no such column, or lacks what the chain needs.
-
-    """
+    label: str,
+    files: Sequence[Path],
+    injection: Injection | None,
+) -> tuple[Sequence[Points], Ints]:
+    """Read the points of a file as one cloud, and the code of each."""
+    if len(files) > 1:
+        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     file = open_cloud(path)
-    along = along_lines(parameters.chain)
-    timed = uses_lines(parameters.chain)
     names = file_points.choose_coordinates(file, ())
-    loaded = file_points.load(file, names, parameters, timed=timed)
-    if along and not loaded.lines:
-        must_be = f'without {along}, as {path} has {loaded.lack}'
-        raise RecordingError('chain', must_be, ', '.join(parameters.chain))
+    loaded = file_points.load(file, names, parameters, timed=uses_lines(parameters.chain))
+    if not loaded.lines:
+        check_chain(parameters.chain, str(path), loaded.lack)
     valid = loaded.points.valid
     cloud = loaded.points.take(valid)
-    if injection is not None:
-        (cloud,), code = inject([cloud], injection)
+    if injection is None:
+        code = read_codes_of(files[0] if files else path, len(valid), label)[valid]
     else:
-        code = read_codes_of(labels or path, len(valid), label)[valid]
-    longest = int(np.argmax(np.ptp(cloud.xyz, axis=0))) if len(cloud) else 0
-    pieces = cut(cloud.xyz[:, longest], stretches)
-    whole = with_rings(cloud, parameters)
-    return _checked([whole], code, codes, pieces, stretches, streamed=False)
+        (cloud,), code = inject([cloud], injection)
+    return [with_rings(cloud, parameters)], code
 
 
 def cut(values: NDArray[Any], stretches: int) -> Ints:
@@ -248,20 +251,3 @@ def cut(values: NDArray[Any], stretches: int) -> Ints:
     rank = np.empty(len(values), np.int64)
     rank[np.argsort(values, kind='stable')] = np.arange(len(values))
     return rank * stretches // max(len(values), 1)
-
-
-def _checked(  # noqa: PLR0913  all that is known
-    clouds: Sequence[Points],
-    code: Ints,
-    codes: Codes,
-    stretch: Ints,
-    stretches: int,
-    *,
-    streamed: bool,
-) -> Training:
-    counted, bad = codes.counted(code), codes.bad(code)
-    outliers, good = np.count_nonzero(counted & bad), np.count_nonzero(counted & ~bad)
-    if outliers == 0 or good == 0:
-        got = f'{outliers} outliers and {good} good points'
-        raise RecordingError('the points to learn from', 'outliers and good points', got)
-    return Training(tuple(clouds), bad & counted, ~bad & counted, stretch, stretches, streamed)

@@ -10,14 +10,14 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.tuning.training import Training, from_file
+from lidar_outlier_filter.tuning.training import Training, read_training
 from lidar_outlier_lab.results.contest import Standing, score
 from lidar_outlier_lab.results.contest_page import details, leader
 from lidar_outlier_lab.results.contestants import DEFAULT, OURS, peers
@@ -57,8 +57,8 @@ def labelled(path: Path) -> Sample | None:
     along = tuple(name for name, one in DETECTORS.items() if one.lines != 'no')
     for chain in (along, ('lof',)):
         try:
-            found = from_file(path, FilterParameters().changed({'chain': chain}), NOISE)
-        except RecordingError:
+            found = read_training(path, FilterParameters().changed({'chain': chain}), NOISE)
+        except FilterError:
             continue
         nothing = np.zeros(len(found), np.int64)
         return Sample(path.name, 0, found, nothing, chain == along, in_own_frame=False)

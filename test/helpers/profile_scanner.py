@@ -20,7 +20,7 @@ from lidar_outlier_filter.pipeline.motion import Odometry as OdometryMotion
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag
-from lidar_outlier_filter.tuning.training import Training, from_recording
+from lidar_outlier_filter.tuning.training import Training, read_training
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -212,9 +212,9 @@ class Recorded:
 
     def training(self, values: dict[str, object], **options: Any) -> Training:
         """Read it."""
-        options.setdefault('truth', self.files)
         parameters = FilterParameters().changed(values)
-        return from_recording(self.bag, parameters, ALL_BUT_0, **options)
+        options = options or {'files': self.files}
+        return read_training(self.bag, parameters, ALL_BUT_0, **options)
 
 
 class WithoutFirstPoses(Drive):

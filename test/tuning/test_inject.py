@@ -29,9 +29,8 @@ def road(clouds: int = 20, count: int = 2000, seed: int = 3) -> list[Points]:
 
 def test_shares_and_distances() -> None:
     """Half are in clusters of 2 to 30 neighbours; all are as far as said, clusters twice as far."""
-    how = Injection(share=0.01, distance=(2.0, 50.0), spread=0.1)
     before = road()
-    after, code = inject(before, how)
+    after, code = inject(before, Injection(share=0.01, distance=(2.0, 50.0)))
     assert np.count_nonzero(code != Cause.GOOD) == 400
     clustered = np.flatnonzero(code == Cause.CLUSTER)
     assert 200 - 1 <= len(clustered) <= 200
@@ -51,19 +50,18 @@ def test_shares_and_distances() -> None:
         assert run[0] // 2000 == run[-1] // 2000
         # Two clusters may begin where another ends.
         if len(run) <= 30:
-            assert np.linalg.norm(new[run] - new[run].mean(axis=0), axis=1).max() < 0.7
+            assert np.linalg.norm(new[run] - new[run].mean(axis=0), axis=1).max() < 2
 
 
 def test_far_from_all_that_is_seen_with_it() -> None:
     """From every good point up to a window away in time, whichever cloud that is in."""
-    for seconds, spacing in ((0.2, 1), (0.05, 1), (0.35, 3)):
-        how = Injection(share=0.02, distance=(1.0, 4.0), window=seconds)
-        made, code = inject(road(12)[::spacing], how)
+    for spacing in (1, 3):
+        made, code = inject(road(12)[::spacing], Injection(share=0.02, distance=(1.0, 4.0)))
         xyz = np.concatenate([cloud.xyz for cloud in made])
         t = np.concatenate([cloud.t for cloud in made])
         good = code == Cause.GOOD
         for k in np.flatnonzero(~good):
-            seen = xyz[good & (np.abs(t - t[k]) <= seconds * SECOND)]
+            seen = xyz[good & (np.abs(t - t[k]) <= SECOND // 5)]
             assert np.linalg.norm(seen - xyz[k], axis=1).min() >= 1.0
 
 

@@ -19,7 +19,7 @@ from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection
-from lidar_outlier_filter.tuning.training import from_file, from_recording, together
+from lidar_outlier_filter.tuning.training import read_training, together
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def drive(clouds: int = 12, count: int = 400, seed: int = 2) -> list[NDArray[np.
 def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:
     """Counts of the tuner are those that the user's own replay and evaluation give."""
     bag = write(tmp_path / 'bag', {'/lidar': drive()})
-    data = from_recording(bag, DEFAULTS, CAUSES)
+    data = read_training(bag, DEFAULTS, CAUSES)
     mine = data.judge(DEFAULTS)
     replay(bag, tmp_path / 'out', parameters={'scores': True})
     points = read_recording(tmp_path / 'out')
@@ -67,7 +67,7 @@ def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:
 def test_truth_and_stretches(tmp_path: Path) -> None:
     """Missing returns are left out; stretches are of equal numbers of points, in order of time."""
     clouds = drive()
-    data = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    data = read_training(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
     valid = [np.isfinite(cloud['x'] + cloud['y'] + cloud['z']) for cloud in clouds]
     expected = np.concatenate(
         [cloud['label'][mask] for cloud, mask in zip(clouds, valid, strict=True)]
@@ -83,7 +83,7 @@ def test_truth_and_stretches(tmp_path: Path) -> None:
 def test_points_that_are_not_seen(tmp_path: Path) -> None:
     """They have no verdict, and the others have one as if there were no such points."""
     clouds = drive()
-    data = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    data = read_training(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
     seen = data.good
     result = data.judge(DEFAULTS, seen)
     assert np.isnan(result.score[~seen]).all()
@@ -101,7 +101,7 @@ def test_an_error_of_a_detector_is_no_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The tuner ends with it: points that were not judged are not good."""
-    data = from_recording(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
+    data = read_training(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
     monkeypatch.setattr(sor, 'measure', None)
     with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
         data.judge(DEFAULTS.changed({'chain': ('sor',)}))
@@ -113,7 +113,7 @@ def test_ignored_labels_are_neither(tmp_path: Path) -> None:
     clouds[0]['label'][:100] = 9
     bag = write(tmp_path / 'bag', {'/lidar': clouds})
     codes = Codes(frozenset({int(Cause.EXHAUST)}), frozenset({9}))
-    data, plain = from_recording(bag, DEFAULTS, codes), from_recording(bag, DEFAULTS, CAUSES)
+    data, plain = read_training(bag, DEFAULTS, codes), read_training(bag, DEFAULTS, CAUSES)
     assert 90 < np.count_nonzero(~data.bad & ~data.good) <= 100
     np.testing.assert_array_equal(data.judge(DEFAULTS).score, plain.judge(DEFAULTS).score)
 
@@ -129,26 +129,26 @@ def test_label_files(tmp_path: Path) -> None:
     messages[3].point_step = 2
     bag = write(tmp_path / 'bag', {'/lidar': messages}, without='label')
     codes = Codes(frozenset({10}))
-    data = from_recording(bag, DEFAULTS, codes, truth=files)
+    data = read_training(bag, DEFAULTS, codes, files=files)
     assert data.refused == 1
     taken = np.concatenate([cloud for i, cloud in enumerate(clouds) if i != 3])
     valid = np.isfinite(taken['x'] + taken['y'] + taken['z'])
     np.testing.assert_array_equal(data.bad, (taken['label'] != 0)[valid])
     for wrong in (files[:-1], [*files, files[0]]):
         with pytest.raises(FilterError, match='must be one for each'):
-            from_recording(bag, DEFAULTS, codes, truth=wrong)
+            read_training(bag, DEFAULTS, codes, files=wrong)
     np.zeros(3, '<u4').tofile(files[1])
     with pytest.raises(FilterError, match='must be for 400 points, got 3'):
-        from_recording(bag, DEFAULTS, codes, truth=files)
+        read_training(bag, DEFAULTS, codes, files=files)
 
 
 def test_injected_outliers(tmp_path: Path) -> None:
     """A clean recording needs no labels; all its own points are good."""
     bag = write(tmp_path / 'bag', {'/lidar': drive()}, without='label')
-    data = from_recording(bag, DEFAULTS, CAUSES, truth=Injection(share=0.02))
+    data = read_training(bag, DEFAULTS, CAUSES, injection=Injection(share=0.02))
     assert np.count_nonzero(data.bad) == round(0.02 * len(data))
     assert (data.bad ^ data.good).all()
-    again = from_recording(bag, DEFAULTS, CAUSES, truth=Injection(share=0.02))
+    again = read_training(bag, DEFAULTS, CAUSES, injection=Injection(share=0.02))
     np.testing.assert_array_equal(data.judge(DEFAULTS).score, again.judge(DEFAULTS).score)
     # Single points metres away from their line are found.
     found = data.judge(DEFAULTS.changed({'chain': ['sor']})).rejected & data.bad
@@ -158,7 +158,7 @@ def test_injected_outliers(tmp_path: Path) -> None:
 def test_several_recordings(tmp_path: Path) -> None:
     """Each is judged by itself, though their times overlap, and keeps its own stretches."""
     parts = [
-        from_recording(write(tmp_path / f'{seed}', {'/lidar': drive(seed=seed)}), DEFAULTS, CAUSES)
+        read_training(write(tmp_path / f'{seed}', {'/lidar': drive(seed=seed)}), DEFAULTS, CAUSES)
         for seed in (1, 2, 3)
     ]
     data = together(parts)
@@ -182,25 +182,25 @@ def test_the_topic_is_found(tmp_path: Path) -> None:
     clouds = drive()
     topics = {'/lidar': clouds, '/lidar/cleaned': clouds, '/lidar/outliers': clouds[:1]}
     bag = write(tmp_path / 'bag', topics)
-    assert len(from_recording(bag, DEFAULTS, CAUSES)) > 4000
-    assert len(from_recording(bag, DEFAULTS, CAUSES, '/lidar/outliers')) < 400
+    assert len(read_training(bag, DEFAULTS, CAUSES)) > 4000
+    assert len(read_training(bag, DEFAULTS, CAUSES, topic='/lidar/outliers')) < 400
     two = write(tmp_path / 'two', {'/a': clouds, '/b/cleaned': clouds})
     with pytest.raises(FilterError, match=r'of clouds \(/a, /b/cleaned\), got None'):
-        from_recording(two, DEFAULTS, CAUSES)
+        read_training(two, DEFAULTS, CAUSES)
     with pytest.raises(FilterError, match=r"of clouds \(/a, /b/cleaned\), got '/c'"):
-        from_recording(two, DEFAULTS, CAUSES, '/c')
+        read_training(two, DEFAULTS, CAUSES, topic='/c')
 
 
 def test_refusals(tmp_path: Path) -> None:
     """No such field, no outliers, no good points, nothing at all."""
     bag = write(tmp_path / 'bag', {'/lidar': drive(2)})
     with pytest.raises(FilterError, match="must be with whole numbers 'truth', got x, y, z, t"):
-        from_recording(bag, DEFAULTS, CAUSES, truth='truth')
+        read_training(bag, DEFAULTS, CAUSES, label='truth')
     with pytest.raises(FilterError, match='outliers and good points, got 0 outliers and 7'):
-        from_recording(bag, DEFAULTS, Codes(frozenset({77})))
+        read_training(bag, DEFAULTS, Codes(frozenset({77})))
     empty = write(tmp_path / 'empty', {'/lidar': [np.zeros(0, POINT)]})
     with pytest.raises(FilterError, match='got 0 outliers and 0 good points'):
-        from_recording(empty, DEFAULTS, CAUSES)
+        read_training(empty, DEFAULTS, CAUSES)
 
 
 # Files ------------------------------------------------------------------------------------------
@@ -216,20 +216,20 @@ def test_a_table_and_labels_beside_it(tmp_path: Path) -> None:
     parameters = DEFAULTS.changed({'chain': ['sor']})
     path, rows = tmp_path / 'a.csv', np.column_stack([xyz, code])
     np.savetxt(path, rows, delimiter=',', header='x,y,z,label', comments='')
-    inside = from_file(path, parameters, CAUSES)
+    inside = read_training(path, parameters, CAUSES)
     np.save(tmp_path / 'code.npy', code)
-    beside = from_file(path, parameters, CAUSES, labels=tmp_path / 'code.npy')
+    beside = read_training(path, parameters, CAUSES, files=[tmp_path / 'code.npy'])
     for data in (inside, beside):
         np.testing.assert_array_equal(data.bad, code[1:] > 0)
         (cloud,) = data.clouds
         longest = cloud.xyz[:, np.argmax(np.ptp(cloud.xyz, axis=0))]
         ends = [longest[data.stretch == i].max() for i in range(20)]
         assert (np.diff(ends) >= 0).all()
-    injected = from_file(path, parameters, CAUSES, injection=Injection(share=0.1))
+    injected = read_training(path, parameters, CAUSES, injection=Injection(share=0.1))
     assert np.count_nonzero(injected.bad) == 50
     np.save(tmp_path / 'short.npy', code[1:])
     with pytest.raises(FilterError, match='must be for 500 points, got 499'):
-        from_file(path, parameters, CAUSES, labels=tmp_path / 'short.npy')
+        read_training(path, parameters, CAUSES, files=[tmp_path / 'short.npy'])
     smoother = DEFAULTS.changed({'chain': ['alpha_beta_gamma']})
     with pytest.raises(FilterError, match='chain must be without alpha_beta_gamma, as'):
-        from_file(path, smoother, CAUSES)
+        read_training(path, smoother, CAUSES)

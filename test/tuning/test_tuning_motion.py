@@ -78,7 +78,7 @@ def test_clouds_without_poses_are_judged_apart(tmp_path: Path) -> None:
 
 def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
     """An injected point is where the sensor would have seen it from where it was at its time."""
-    data = recorded.training(REPLAYED, truth=Injection(share=0.02))
+    data = recorded.training(REPLAYED, injection=Injection(share=0.02))
     assert np.count_nonzero(data.bad) > 500
     t = recorded.drive.t.astype(np.float64) * 1e-9
     position, rotation = pose(t)
