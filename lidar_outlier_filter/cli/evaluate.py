@@ -114,6 +114,8 @@ def truth_of(options: argparse.Namespace, data: Path) -> tuple[list[Path], Codes
     )
 
     files = label_files(options.labels or [])
+    if len(files) > 1 and not is_recording(data):
+        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     ours = CAUSES if is_recording(data) and not files else ALL_BUT_0
     usual = USUAL_CODES.get((files[0] if files else data).suffix.lower(), ours)
     outliers = usual.outliers if options.codes is None else parse_codes(options.codes)
@@ -158,11 +160,9 @@ def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
     if is_recording(options.verdicts):
         given = (options.verdicts, options.topic, options.label, codes, files)
         return judged.read_recording(*given), codes
-    if len(files) > 1:
-        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
+    columns = {name: getattr(options, name) for name in ('label', 'score', 'verdict', 'threshold')}
     truth = files[0] if files else options.verdicts
-    columns = judged.ColumnNames(options.label, options.score, options.verdict, options.threshold)
-    return judged.read_files(options.verdicts, truth, codes, columns), codes
+    return judged.read_files(options.verdicts, truth, codes, **columns), codes
 
 
 def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
+    numbers,
     say_unread,
     show,
     stoppable_bar,
@@ -88,13 +89,7 @@ def _show(info: RecordingInfo) -> None:
 
 
 def _topics(info: RecordingInfo) -> Table:
-    from rich.table import Table
-
-    table = Table('topic', 'type', 'count', 'Hz', 'gaps', 'longest', 'jumps')
-    for column in table.columns[:2]:
-        column.overflow = 'fold'
-    for column in table.columns[2:]:
-        column.justify = 'right'
+    table = numbers('topic', 'type', 'count', 'Hz', 'gaps', 'longest', 'jumps', texts=2)
     for topic, times in sorted(info.topics.items(), key=lambda item: item[0].name):
         table.add_row(
             topic.name,
@@ -114,10 +109,7 @@ def _number(value: float, unit: str = '') -> str:
 
 
 def _clouds(name: str, cloud: CloudInfo) -> Table:
-    from rich.table import Table
-
-    table = Table(name, '', show_lines=False)
-    table.columns[1].overflow = 'fold'
+    table = numbers(name, '', texts=2)
     for row in (*_form(cloud), *_lines(cloud.geometry), *_verdict(cloud)):
         table.add_row(*row)
     return table
@@ -182,14 +174,10 @@ def _counted(number: int, name: str) -> str:
 
 def _show_file(path: Path) -> None:
     """Print what is known of a file of points."""
-    from rich.table import Table
-
     from lidar_outlier_filter.files.judged_file import describe_file
 
     info = describe_file(path)
-    table = Table('column', 'type', 'least', 'largest')
-    for column in table.columns[2:]:
-        column.justify = 'right'
+    table = numbers('column', 'type', 'least', 'largest', texts=2)
     for name, kind in info.columns.items():
         least, largest = info.extent.get(name, (math.nan, math.nan))
         table.add_row(name, kind, _plain(least), _plain(largest))

@@ -23,6 +23,7 @@ from lidar_outlier_filter.cli.terminal import (
     add_chain_option,
     add_parameter_options,
     can_draw,
+    numbers,
     read_parameters,
     say,
     say_unread,
@@ -145,11 +146,9 @@ def _show_losses(lost: Losses) -> None:
 
 def _table(report: ReplayReport) -> Table:
     """Make the table of a replay, a column for each topic."""
-    from rich.table import Table
-
-    table = Table('topic', *(topic.topic for topic in report.topics))
+    table = numbers('topic', *(topic.topic for topic in report.topics))
     for column in table.columns[1:]:
-        column.justify, column.overflow = 'right', 'fold'
+        column.no_wrap, column.overflow = False, 'fold'
     names = ['messages', 'refused', 'points', 'rejected', 'untested', 'invalid']
     if any(topic.dropped for topic in report.topics):
         names.append('dropped')

@@ -22,14 +22,13 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.errors import ParameterError, RecordingError, refused_for
+from lidar_outlier_filter.errors import ParameterError, refused_for
 
 if TYPE_CHECKING:
     import argparse
 
-    from lidar_outlier_filter.cli.terminal import Advance, Commands
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.evaluation.labels import Codes
-    from lidar_outlier_filter.report.gather import Gathered
     from lidar_outlier_filter.report.sources import Source
 
 MOST_DRAWN = 10_000_000  # points
@@ -75,39 +74,48 @@ def add_report(commands: Commands) -> None:
     parser.set_defaults(run=_report)
 
 
-def _report(options: argparse.Namespace) -> int:
+def _outputs(options: argparse.Namespace) -> list[Path | None]:
+    """Return page and folder of figures, as far as they are asked for and can be drawn."""
     from lidar_outlier_filter.disk.new_files import FILE, FOLDER, check_new
-    from lidar_outlier_filter.report.page import write_page
 
     output, figures = options.output, options.figures
     if figures is not None and not can_draw():
-        if output is None:
-            return REFUSED
         figures = None
-    if output is None and figures is None:
+    elif output is None and figures is None:
         output = beside(options.data, '_report.html')
     for path, must_be in ((output, FILE), (figures, FOLDER)):
         if path is not None:
             check_new(path, must_be)
+    return [output, figures]
+
+
+def _report(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.report.gather import gather
+    from lidar_outlier_filter.report.page import write_page
+
+    output, figures = _outputs(options)
+    if output is None and figures is None:
+        return REFUSED
     if options.points < 1:
         raise ParameterError('--points', 'at least 1', options.points)
     with stoppable_bar(options.data.name) as progress:
-        found = _gather(options, progress)
+        source, codes = _source(options)
+        found = gather(source, codes, options.points, progress)
         if output is not None:
             write_page(found, output)
         if figures is not None:
             from lidar_outlier_filter.report.figures import write_figures
 
             write_figures(found, figures)
-    status = _say(found, output, figures)
-    return status if figures == options.figures else INCOMPLETE
-
-
-def _gather(options: argparse.Namespace, progress: Advance) -> Gathered:
-    from lidar_outlier_filter.report.gather import gather
-
-    source, codes = _source(options)
-    return gather(source, codes, options.points, progress)
+    show(*(f'written to {path}' for path in (output, figures) if path is not None))
+    drawn, valid = len(found.points), found.all.points
+    if drawn < valid:
+        say(f'{drawn} of {valid} points are drawn (--points); all are counted')
+    refused = sum(found.found.refusals.values())
+    if refused:
+        reasons = refused_for(found.found.refusals, found.found.sentences)
+        say(f'{refused} clouds were refused, for: {reasons}')
+    return INCOMPLETE if refused or figures != options.figures else DONE
 
 
 def _source(options: argparse.Namespace) -> tuple[Source, Codes]:
@@ -123,20 +131,6 @@ def _source(options: argparse.Namespace) -> tuple[Source, Codes]:
         return RecordedSource(*given), codes
     if options.topic is not None:
         raise ParameterError('--topic', 'given for a recording only', repr(options.topic))
-    if len(files) > 1:
-        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     truth = (files[0] if files else options.data, options.label)
     named = bool(files) or bool(options.label)
     return FileSource(options.data, parameters, truth=truth, named=named), codes
-
-
-def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
-    show(*(f'written to {path}' for path in (output, figures) if path is not None))
-    drawn, valid = len(found.points), found.all.points
-    if drawn < valid:
-        say(f'{drawn} of {valid} points are drawn (--points); all are counted')
-    refused = sum(found.found.refusals.values())
-    if refused:
-        reasons = refused_for(found.found.refusals, found.found.sentences)
-        say(f'{refused} clouds were refused, for: {reasons}')
-    return INCOMPLETE if refused else DONE

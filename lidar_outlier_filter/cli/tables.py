@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, say, show
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, numbers, say, show
 from lidar_outlier_filter.errors import printable
 
 if TYPE_CHECKING:
@@ -145,17 +145,6 @@ def _state(record: ArchiveRecord, job: Job, *, is_new: bool) -> str:
     if record.untested:
         return 'untested'
     return 'done' if is_new else 'done before'
-
-
-def numbers(first: str, *others: str, **style: Any) -> Table:
-    """Make a table of numbers with names in the first column."""
-    from rich.table import Table
-
-    made = Table(first, *others, **style)
-    made.columns[0].overflow = 'fold'  # a name is never cut
-    for column in made.columns[1:]:
-        column.justify, column.no_wrap = 'right', True
-    return made
 
 
 def status(records: Sequence[ArchiveRecord]) -> int:

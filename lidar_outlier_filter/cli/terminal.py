@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lidar_outlier_filter.errors import FilterError, ParameterError, printable
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
     from collections.abc import Callable, Iterable, Iterator
     from types import FrameType
+
+    from rich.table import Table
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
@@ -58,6 +60,18 @@ def show(*parts: object) -> None:
             console.print(printable(part), markup=False, highlight=False, soft_wrap=True)
         else:
             console.print(part)
+
+
+def numbers(first: str, *others: str, texts: int = 1, **style: Any) -> Table:
+    """Make a table of numbers, with ``texts`` columns of names before them."""
+    from rich.table import Table
+
+    made = Table(first, *others, **style)
+    for column in made.columns[:texts]:
+        column.overflow = 'fold'  # a name is never cut
+    for column in made.columns[texts:]:
+        column.justify, column.no_wrap = 'right', True
+    return made
 
 
 def missing_module(err: ModuleNotFoundError) -> FilterError:
@@ -249,6 +263,26 @@ def names_in(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(',') if name.strip())
 
 
+def split_setting(option: str, text: str, must_be: str) -> tuple[str, str]:
+    """Split the text of an option at its first equals sign."""
+    name, equals, value = text.partition('=')
+    if not equals:
+        raise ParameterError(option, must_be, repr(text))
+    return name, value
+
+
+def parse_value(name: str, text: str) -> object:
+    """Read the value of a parameter as in YAML."""
+    import yaml
+
+    from lidar_outlier_filter.parameters.yaml_files import parse
+
+    try:
+        return parse(text)
+    except yaml.YAMLError as err:
+        raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+
+
 def _check_list(name: str, value: object) -> None:
     """Show how a list is written to who gives names with commas between, as to --chain."""
     from lidar_outlier_filter.parameters.filter import describe
@@ -263,21 +297,14 @@ def read_parameters(
     files: Iterable[Path], settings: Iterable[str], chain: str | None = None
 ) -> dict[str, object]:
     """Take parameters from files, in their order, single ones from NAME=VALUE, then a chain."""
-    import yaml
-
-    from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
+    from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
     values: dict[str, object] = {}
     for file in files:
         values.update(read_yaml(file))
     for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals:
-            raise ParameterError('--set', 'NAME=VALUE', repr(setting))
-        try:
-            values[name] = parse(text)
-        except yaml.YAMLError as err:
-            raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+        name, text = split_setting('--set', setting, 'NAME=VALUE')
+        values[name] = parse_value(name, text)
         _check_list(name, values[name])
     if chain is not None:
         values['chain'] = names_in(chain)

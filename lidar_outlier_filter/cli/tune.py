@@ -14,8 +14,11 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
     beside,
+    parse_value,
     read_parameters,
     say,
+    show,
+    split_setting,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError, RecordingError
@@ -26,14 +29,13 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.inject import Injection
     from lidar_outlier_filter.tuning.output import Tuned
     from lidar_outlier_filter.tuning.training import Training
 
 FOLDS = 5
 NOT_WEATHER = (
-    'Injected outliers are moved points.\n'
-    'This F1 does not hold for snow, rain, fog, exhaust or mixed pixels.'
+    'Injected outliers are moved points.',
+    'This F1 does not hold for snow, rain, fog, exhaust or mixed pixels.',
 )
 
 
@@ -126,10 +128,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_filter.disk.new_files import check_new, new_output
-    from lidar_outlier_filter.evaluation.labels import is_recording
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import write_yaml
     from lidar_outlier_filter.tuning import output as tuned
@@ -155,18 +154,11 @@ def _run(options: argparse.Namespace) -> int:
             kept=options.keep,
             progress=progress,
         )
-    names = ', '.join(path.name for path in options.data)
-    about = tuned.sentence(found, names)
+    about = tuned.sentence(found, ', '.join(path.name for path in options.data))
     with new_output(output) as built:
         built.write_text(f'# {about}\n{write_yaml(found.parameters.flat())}', encoding='utf-8')
-    notes = list(found.notes)
-    if options.inject is not None:
-        notes.append(NOT_WEATHER)
-        if is_recording(options.data[0]):
-            arguments = f'--onto {options.data[0]} --weather light_snow --output snowy'
-            notes.append(f'Better: lidar-outlier-filter simulate {arguments}, and tune on snowy.')
-    _show(found, parameters, notes)
-    Console().print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
+    _show(found, parameters, options)
+    show(f'written to {output}')
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
     if data.without_pose:
@@ -175,77 +167,51 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _parse_searches(texts: Sequence[str]) -> dict[str, Sequence[object]]:
-    """Read the values to try, by parameter; each is named once."""
+    """Read the values to try, NAME=V,V,..., by parameter; each is named once."""
     requested: dict[str, Sequence[object]] = {}
     for text in texts:
-        name, values = _parse_search(text)
+        name, values = split_setting('--search', text, 'NAME=V,V,...')
         if name in requested:
             raise ParameterError('--search', f'given once for {name}', 'more than once')
-        requested[name] = values
+        requested[name] = [parse_value(name, value) for value in values.split(',')]
     return requested
-
-
-def _parse_search(text: str) -> tuple[str, Sequence[object]]:
-    """Read NAME=V,V,...: values as in YAML."""
-    import yaml
-
-    from lidar_outlier_filter.parameters.yaml_files import parse
-
-    name, equals, values = text.partition('=')
-    if not equals:
-        raise ParameterError('--search', 'NAME=V,V,...', repr(text))
-    try:
-        return name, [parse(value) for value in values.split(',')]
-    except yaml.YAMLError as err:
-        raise ParameterError(f'the values of {name}', 'YAML', repr(values)) from err
 
 
 def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters) -> Training:
     """Read the clouds of a recording or a file, and their truth."""
     from lidar_outlier_filter.evaluation.judged import CAUSES
+    from lidar_outlier_filter.tuning.inject import Injection
     from lidar_outlier_filter.tuning.training import read_training
 
     if options.labels and len(options.data) > 1:
         must_be = 'given for one recording; of several, the truth is in their clouds'
         raise RecordingError('--labels', must_be, f'{len(options.data)} recordings')
     files, codes = truth_of(options, path)
-    injection = _injection(options)
-    if injection is not None:
+    injection = None
+    if options.inject is not None:
+        injection = Injection(options.inject, tuple(options.inject_distance), options.seed)
         if files or options.label or options.codes or options.ignore:
             raise RecordingError('--inject', 'given without labels', 'both')
         codes = CAUSES
-    return read_training(
-        path,
-        parameters,
-        codes,
-        topic=options.topic,
-        label=options.label,
-        files=files,
-        injection=injection,
-    )
+    given = {'topic': options.topic, 'label': options.label, 'files': files}
+    return read_training(path, parameters, codes, **given, injection=injection)
 
 
-def _injection(options: argparse.Namespace) -> Injection | None:
-    if options.inject is None:
-        return None
-    from lidar_outlier_filter.tuning.inject import Injection
-
-    return Injection(options.inject, tuple(options.inject_distance), seed=options.seed)
-
-
-def _show(found: Tuned, parameters: FilterParameters, notes: Sequence[str]) -> None:
+def _show(found: Tuned, parameters: FilterParameters, options: argparse.Namespace) -> None:
     """Print what was found, what is doubtful, and how to use it."""
-    from rich.console import Console
-
+    from lidar_outlier_filter.evaluation.labels import is_recording
     from lidar_outlier_filter.parameters.yaml_files import ros_lines
     from lidar_outlier_filter.tuning import output as tuned
 
-    console = Console()
     for table in tuned.tables(found, parameters):
-        console.print(table)
-        console.print()
-    lines = [*notes, ''] if notes else []
+        show(table, '')
+    notes = list(found.notes)
+    if options.inject is not None:
+        notes += NOT_WEATHER
+        if is_recording(options.data[0]):
+            arguments = f'--onto {options.data[0]} --weather light_snow --output snowy'
+            notes.append(f'Better: lidar-outlier-filter simulate {arguments}, and tune on snowy.')
+    if notes:
+        show(*notes, '')
     if steps := ros_lines(parameters, found.values):
-        lines += ['On a node that runs with the parameters of the start:', *steps, '']
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        show('On a node that runs with the parameters of the start:', *steps, '')

@@ -33,6 +33,17 @@ DRAWS = 2000  # of the bootstrap
 MIN_STRETCHES = 2  # one stretch alone says nothing of how stretches differ
 FOUND, MISSED, LOST, KEPT = range(4)  # columns of a tally
 MAX_CURVE_POINTS = 1000  # that a thinned curve keeps: more than a picture can show
+# The shares of a :class:`Confusion`: part, of what, and title in the words of the papers.
+SHARES = {
+    'prevalence': ('outliers', 'total', 'outliers'),
+    'recall': ('found', 'outliers', 'outliers identified, recall'),
+    'misses': ('missed', 'outliers', 'outliers missed'),
+    'false_rejections': ('lost', 'good', 'non-outliers identified'),
+    'identified': ('rejected', 'total', 'identified'),
+    'alpha_error': ('lost', 'total', 'wrongly identified, α-error'),
+    'beta_error': ('missed', 'total', 'missed, β-error'),
+    'precision': ('found', 'rejected', 'rightly identified, precision'),
+}
 
 
 class Interval(NamedTuple):
@@ -119,45 +130,25 @@ class Confusion:
         """All points."""
         return self.outliers + self.good
 
+    def share(self, name: str) -> Share:
+        """Return one of ``SHARES``."""
+        part, total, _ = SHARES[name]
+        return Share(getattr(self, part), getattr(self, total))
+
     @property
     def precision(self) -> Share:
         """Of the rejected points those that are outliers."""
-        return Share(self.found, self.rejected)
+        return self.share('precision')
 
     @property
     def recall(self) -> Share:
         """Of the outliers those rejected: "% of outliers identified", true positive rate."""
-        return Share(self.found, self.outliers)
+        return self.share('recall')
 
     @property
     def false_rejections(self) -> Share:
         """Of the good points those rejected: false positive rate."""
-        return Share(self.lost, self.good)
-
-    @property
-    def misses(self) -> Share:
-        """Of the outliers those kept: false negative rate."""
-        return Share(self.missed, self.outliers)
-
-    @property
-    def prevalence(self) -> Share:
-        """Of the cloud the outliers."""
-        return Share(self.outliers, self.total)
-
-    @property
-    def identified(self) -> Share:
-        """Of the cloud the rejected points: "% of point cloud identified", "elimination"."""
-        return Share(self.rejected, self.total)
-
-    @property
-    def alpha_error(self) -> Share:
-        """Of the cloud the good points rejected: "identified incorrectly", Sotoodeh's α-error."""
-        return Share(self.lost, self.total)
-
-    @property
-    def beta_error(self) -> Share:
-        """Of the cloud the outliers kept: Sotoodeh's β-error."""
-        return Share(self.missed, self.total)
+        return self.share('false_rejections')
 
     @property
     def f1(self) -> float:

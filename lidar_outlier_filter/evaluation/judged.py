@@ -291,28 +291,15 @@ def _with_truth(points: Judged, codes: Codes) -> Judged:
     return replace(counted, bad=codes.bad(counted.code))
 
 
-@dataclass(frozen=True)
-class ColumnNames:
-    """Which columns of files hold truth and verdict; empty: the usual ones that are there.
-
-    Attributes
-    ----------
-    label : truth; usual are ``classification`` and ``label``
-    score : usual is ``outlier_score``
-    verdict : not 0 where rejected, in a ``classification`` 7 and 18; usual are ``outlier``, and
-        ``classification`` where there is no score; without: what the score says
-    threshold : points with a larger score are rejected; None: 1
-
-    """
-
-    label: str = ''
-    score: str = ''
-    verdict: str = ''
-    threshold: float | None = None
-
-
-def read_files(
-    verdicts: Path, truth: Path, codes: Codes = ALL_BUT_0, columns: ColumnNames | None = None
+def read_files(  # noqa: PLR0913  what the command line offers
+    verdicts: Path,
+    truth: Path,
+    codes: Codes = ALL_BUT_0,
+    *,
+    label: str = '',
+    score: str = '',
+    verdict: str = '',
+    threshold: float | None = None,
 ) -> Judged:
     """Read scores or verdicts, and labels: one for each point.
 
@@ -321,7 +308,12 @@ def read_files(
     verdicts : what ``clean`` wrote, or any file with scores
     truth : file with labels, in the same order; may be the same file
     codes : what the labels mean
-    columns : where they are
+    label : column of the truth; empty: ``classification`` or ``label``
+    score : column of the scores; empty: ``outlier_score``, if there is one
+    verdict : column that is not 0 where rejected, in a ``classification`` 7 and 18; empty: what the
+        score says if it or a threshold is named; else ``outlier``, or without both of them
+        ``classification``
+    threshold : points with a larger score are rejected; None: 1
 
     Raises
     ------
@@ -329,14 +321,13 @@ def read_files(
         If a file cannot be read, the two do not fit, or truth and verdict are one column.
 
     """
-    columns = columns or ColumnNames()
     names = column_names(verdicts)
-    label = columns.label or usual_column(truth, (CLASSIFICATION, LABEL))
-    score = columns.score or (SCORE if SCORE in names else '')
-    verdict = columns.verdict
-    if columns.threshold is not None:
+    label = label or usual_column(truth, (CLASSIFICATION, LABEL))
+    is_named = bool(score or verdict)
+    score = score or (SCORE if SCORE in names else '')
+    if threshold is not None:
         score = score or usual_column(verdicts, (SCORE,))
-    elif not verdict and not columns.score and (OUTLIER in names or not score):
+    elif not is_named and (OUTLIER in names or not score):
         verdict = usual_column(verdicts, (OUTLIER, CLASSIFICATION))
     if verdicts == truth and label in {verdict, score}:
         must_be = 'another than that of the verdicts'
@@ -346,7 +337,7 @@ def read_files(
     if score or not names:
         values = read_column(verdicts, score)
         values = values if values.dtype.kind == 'f' else values.astype(np.float64)
-        rejected = values > (1.0 if columns.threshold is None else columns.threshold)
+        rejected = values > (1.0 if threshold is None else threshold)
     if verdict:
         result = read_codes(verdicts, verdict)
         rejected = np.isin(result, LAS_NOISE) if verdict == CLASSIFICATION else result != 0

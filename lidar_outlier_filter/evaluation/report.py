@@ -15,6 +15,7 @@ from rich.table import Table
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
+    SHARES,
     Confusion,
     Interval,
     Share,
@@ -37,17 +38,6 @@ if TYPE_CHECKING:
 
 STRETCHES = 20  # that a recording is cut into
 RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
-# The shares of a :class:`Confusion`: their titles, and of which points they are a share.
-SHARES = {
-    'prevalence': ('outliers', 'cloud'),
-    'recall': ('outliers identified, recall', 'outliers'),
-    'misses': ('outliers missed', 'outliers'),
-    'false_rejections': ('non-outliers identified', 'good'),
-    'identified': ('identified', 'cloud'),
-    'alpha_error': ('wrongly identified, α-error', 'cloud'),
-    'beta_error': ('missed, β-error', 'cloud'),
-    'precision': ('rightly identified, precision', 'rejected'),
-}
 
 
 @dataclass(frozen=True)
@@ -175,7 +165,7 @@ def to_json(result: Evaluation) -> dict[str, Any]:
 
 def _to_json(value: Any) -> Any:
     if isinstance(value, Confusion):
-        shares = {name: _to_json(getattr(value, name)) for name in SHARES}
+        shares = {name: _to_json(value.share(name)) for name in SHARES}
         return {**asdict(value), 'f1': _to_json(value.f1), **shares}
     if isinstance(value, Share):
         share, interval = _to_json(value.ratio), _to_json(value.interval)
@@ -216,10 +206,10 @@ def _figures(result: Evaluation) -> Table:
     answer = number_table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
     whole = result.whole
     answer.add_row('points', f'{whole.total:,}')
-    for name, (title, of) in SHARES.items():
-        share: Share = getattr(whole, name)
-        interval = limits(share.interval)
-        answer.add_row(title, f'{share.part:,}', percent(share.ratio), of, interval)
+    for name, (_, of, title) in SHARES.items():
+        share = whole.share(name)
+        shown = (f'{share.part:,}', percent(share.ratio), of.replace('total', 'cloud'))
+        answer.add_row(title, *shown, limits(share.interval))
     answer.add_row('F1', '', percent(whole.f1), '', limits(result.f1_interval))
     if result.untested is not None:
         unknown = result.untested

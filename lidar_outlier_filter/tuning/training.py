@@ -230,8 +230,6 @@ def _read_file(
     injection: Injection | None,
 ) -> tuple[Sequence[Points], Ints]:
     """Read the points of a file as one cloud, and the code of each."""
-    if len(files) > 1:
-        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     file = open_cloud(path)
     names = file_points.choose_coordinates(file, ())
     loaded = file_points.load(file, names, parameters, timed=uses_lines(parameters.chain))

@@ -61,7 +61,7 @@ def test_tables_of_leslar(
     """Leslar et al. (2010): recall, identified and wrongly identified follow from the counts."""
     counts = Confusion(found, outliers - found, lost, points - outliers - lost)
     assert (counts.total, counts.outliers, counts.rejected) == (points, outliers, found + lost)
-    shares = (counts.recall, counts.identified, counts.alpha_error)
+    shares = [counts.share(name) for name in ('recall', 'identified', 'alpha_error')]
     assert [round(100 * share.ratio, 2) for share in shares] == pytest.approx(printed)
 
 

@@ -13,7 +13,7 @@ import pytest
 from pyarrow import csv, parquet
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
-from lidar_outlier_filter.evaluation.judged import ColumnNames, read_files
+from lidar_outlier_filter.evaluation.judged import read_files
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
     USUAL_CODES,
@@ -141,7 +141,7 @@ def test_scores_and_labels(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.rejected, [0, 1, 0, 0, 1, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 1, 0])
     np.testing.assert_array_equal(points.index, np.arange(6))
-    points = read_files(*pair, columns=ColumnNames(threshold=0.25))
+    points = read_files(*pair, threshold=0.25)
     np.testing.assert_array_equal(points.rejected, [1, 1, 1, 0, 1, 0])
 
 
@@ -169,10 +169,12 @@ def test_what_clean_wrote_in_tables(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.detectors, columns['outlier_detectors'])
     np.testing.assert_array_equal(points.score, columns['outlier_score'])
     # Asked for, the score decides.
-    for asked in (ColumnNames(score='outlier_score'), ColumnNames(threshold=1.0)):
-        points = read_files(path, path, columns=asked)
+    for points in (
+        read_files(path, path, score='outlier_score'),
+        read_files(path, path, threshold=1.0),
+    ):
         np.testing.assert_array_equal(points.rejected, [0, 1, 1, 0, 1, 0])
-    points = read_files(path, path, columns=ColumnNames(verdict='outlier_detectors'))
+    points = read_files(path, path, verdict='outlier_detectors')
     np.testing.assert_array_equal(points.rejected, [0, 1, 1, 0, 1, 0])
 
 
@@ -181,15 +183,15 @@ def test_refused_pairs(tmp_path: Path) -> None:
     np.save(tmp_path / 'six.npy', SCORE)
     np.save(tmp_path / 'five.npy', CODE[:5])
     cloud, plain = las(tmp_path / 'a.las', CODE), table(tmp_path / 'a.csv', x=[1.0] * 6)
-    for verdicts, truth, columns, match in (
+    for verdicts, truth, threshold, match in (
         (tmp_path / 'six.npy', tmp_path / 'five.npy', None, 'must be equal, got 5 and 6'),
         (cloud, cloud, None, "another than that of the verdicts, got 'classification'"),
         (plain, cloud, None, 'must be with outlier or classification, got x'),
         (cloud, plain, None, 'must be with classification or label, got x'),
-        (plain, cloud, ColumnNames(threshold=2.0), 'must be with outlier_score, got x'),
+        (plain, cloud, 2.0, 'must be with outlier_score, got x'),
     ):
         with pytest.raises(FilterError, match=match):
-            read_files(verdicts, truth, columns=columns)
+            read_files(verdicts, truth, threshold=threshold)
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,7 @@ def _every_form(found: Table, letters: Sequence[str]) -> str:
         cells = [label]
         for one in counted:
             whole = one.whole
-            cells += [percent(whole.recall.ratio), percent(whole.alpha_error.ratio)]
+            cells += [percent(whole.recall.ratio), percent(whole.share('alpha_error').ratio)]
             cells.append(percent(one.road))
         seconds = sum(one.seconds for one in counted)
         cells.append(f'{sum(one.whole.total for one in counted) / seconds / MILLION:.3f}')

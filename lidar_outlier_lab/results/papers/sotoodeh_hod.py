@@ -156,7 +156,7 @@ def _figure_4(seed: int, folder: Path) -> str:
                 (
                     f'scan {number}, after phase {after}',
                     f'{counts.total:,}',
-                    percent(counts.prevalence.ratio),
+                    percent(counts.share('prevalence').ratio),
                     percent(counts.recall.ratio),
                     percent(counts.false_rejections.ratio),
                 )

@@ -145,10 +145,10 @@ def _table(
 
 
 def _errors(counts: Confusion) -> tuple[str, ...]:
-    shares = (counts.recall, counts.alpha_error, counts.beta_error, counts.precision)
+    shares = map(counts.share, ('recall', 'alpha_error', 'beta_error', 'precision'))
     return (
         f'{counts.total:,}',
-        percent(counts.prevalence.ratio),
+        percent(counts.share('prevalence').ratio),
         *(percent(share.ratio) for share in shares),
     )
 
