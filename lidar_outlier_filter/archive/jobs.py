@@ -1,18 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is done with each recording or file: read it, judge it, and build its outputs."""
+"""Jobs: read one recording or file, judge it, and build its outputs."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lidar_outlier_filter.archive.fingerprints import code_version, parameters_hash
 from lidar_outlier_filter.archive.locations import staged
-from lidar_outlier_filter.archive.sidecar import SUFFIX, ArchiveRecord
+from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, SUFFIX, ArchiveRecord
+from lidar_outlier_filter.errors import NoCloudsError
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -65,62 +67,78 @@ class Task:
 
 
 @dataclass(frozen=True)
-class JobResult:
-    """The outputs of a task, which have no final name yet.
+class Result:
+    """The result of a task.
 
     Attributes
     ----------
-    counts : fields of the record
-    log : what the sidecar says beside the record
-    report : of a file
-    found : by ``inspect``
+    record : of its sidecar
+    log : further content of the sidecar
+    report, found : of a file that was cleaned now, and what ``inspect`` returned
+    messages : sentences for the user
 
     """
 
-    counts: Mapping[str, Any]
+    record: ArchiveRecord
     log: Mapping[str, Any] = field(default_factory=dict)
     report: CleanReport | None = None
     found: Any = None
+    messages: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
-class Job:
-    """What is done with each task: it is sent to the workers.
+class Job(ABC):
+    """What is done with each task; it is sent to the workers.
 
     Attributes
     ----------
     what, done, failed : the words for an input and its states
     parameters : of the filter, by flat name
-    options : other values that decide the bytes of an output; of :func:`replay`, for recordings
-    clean : what is done with files
+    options : other values that decide the bytes of an output: the arguments of :func:`replay`, or
+        the fields of :class:`CleanOptions`
     inspect : called with each judged file
 
     """
 
-    what: str
-    done: str
-    failed: str
+    what: ClassVar[str]
+    done: ClassVar[str]
+    failed: ClassVar[str]
+
     parameters: Mapping[str, object]
     options: Mapping[str, Any]
-    clean: CleanOptions = field(default_factory=CleanOptions)
     inspect: Callable[[JudgedFile], object] = bool
 
-    @cached_property
-    def fingerprint(self) -> str:
-        """The hash of parameters and options."""
-        return parameters_hash(self.filter, self.options)
+    @property
+    def dry(self) -> bool:
+        """Whether nothing is written."""
+        return bool(self.options.get('dry'))
 
     @property
     def filter(self) -> FilterParameters:
         """All parameters."""
         return FilterParameters().changed(self.parameters)
 
-    @property
-    def dry(self) -> bool:
-        """Whether nothing is written."""
-        return self.clean.dry
+    @cached_property
+    def fingerprint(self) -> str:
+        """The hash of parameters and options."""
+        return parameters_hash(self.filter, self.options)
 
-    def make(self, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
+    def goal(self, task: Task) -> ArchiveRecord:
+        """Return the record that the outputs of a task must have to be done."""
+        return ArchiveRecord(
+            task.source,
+            task.names[0],
+            task.location.size,
+            task.location.state,
+            parameters=self.fingerprint,
+            code=code_version(),
+            worker=HERE,
+        )
+
+    @abstractmethod
+    def make(
+        self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
+    ) -> Result:
         """Build the outputs of a task in a folder.
 
         Raises
@@ -129,57 +147,38 @@ class Job:
             If the input cannot be read or judged, or an output cannot be written.
 
         """
-        make = _replay if self.what == 'recording' else _clean
-        return make(self, task, folder, note, inform)
 
 
-def expected_record(task: Task, job: Job) -> ArchiveRecord:
-    """Return the record that the outputs of a task must have to be done."""
-    return ArchiveRecord(
-        task.source,
-        task.names[0],
-        task.location.size,
-        task.location.state,
-        parameters=job.fingerprint,
-        code=code_version(),
-        worker=HERE,
-    )
+class ReplayJob(Job):
+    """Replays recordings."""
 
+    what, done, failed = 'recording', 'replayed', 'failed'
 
-def replay_job(parameters: Mapping[str, object], options: Mapping[str, Any]) -> Job:
-    """Return the job that replays recordings; ``options`` are those of :func:`replay`."""
-    return Job('recording', 'replayed', 'failed', parameters, options)
-
-
-def clean_job(
-    parameters: Mapping[str, object],
-    options: CleanOptions,
-    inspect: Callable[[JudgedFile], object] = bool,
-) -> Job:
-    """Return the job that cleans files; ``inspect`` is called with each judged file."""
-    return Job('file', 'cleaned', 'refused', parameters, asdict(options), options, inspect)
-
-
-def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
-    """Replay a recording."""
-    built = folder / task.outputs[0].name
-    with staged(task.location) as path:
-        report = replay(
-            path,
-            built,
-            parameters=job.parameters,
-            **job.options,
-            progress=lambda done, total: note(done / max(done, total, 1)),
-            inform=inform,
+    def make(
+        self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
+    ) -> Result:
+        """Replay a recording."""
+        try:
+            with staged(task.location) as path:
+                report = replay(
+                    path,
+                    folder / task.outputs[0].name,
+                    parameters=self.parameters,
+                    **self.options,
+                    progress=lambda done, total: note(done / max(done, total, 1)),
+                    inform=inform,
+                )
+        except NoCloudsError as err:
+            return Result(replace(record, state=NO_CLOUDS, error=str(err)))
+        counted = replace(
+            record,
+            state=DONE,
+            topics={topic.topic: _counts(topic) for topic in report.topics},
+            unread=report.unread,
+            lost=report.lost.said(),
+            duration=report.recorded,
         )
-    return JobResult(
-        {
-            'topics': {topic.topic: _counts(topic) for topic in report.topics},
-            'unread': report.unread,
-            'lost': report.lost.said(),
-            'duration': report.recorded,
-        }
-    )
+        return Result(counted)
 
 
 def _counts(topic: TopicReport) -> dict[str, Any]:
@@ -191,37 +190,45 @@ def _counts(topic: TopicReport) -> dict[str, Any]:
     }
 
 
-def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> JobResult:
-    """Clean a file."""
-    path, found = Path(str(task.location.path)), list[object]()
+class CleanJob(Job):
+    """Cleans files."""
 
-    @contextmanager
-    def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
-        yield [folder / path.name for path in paths]
+    what, done, failed = 'file', 'cleaned', 'refused'
 
-    def progress(done: int, total: int, step: str) -> None:
-        note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
+    def make(
+        self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
+    ) -> Result:
+        """Clean a file."""
+        path, found = Path(str(task.location.path)), list[object]()
 
-    output, *outliers = (Path(str(one)) for one in task.outputs)
-    report = clean_file(
-        path,
-        output,
-        job.filter,
-        job.clean,
-        outliers=outliers[0] if outliers else None,
-        progress=progress,
-        slow=lambda detector: inform(f'{path}: {detector}'),
-        inspect=lambda judged: found.append(job.inspect(judged)),
-        make=hidden,
-    )
-    return JobResult(count_file(report), asdict(report), report, found[0])
+        @contextmanager
+        def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
+            yield [folder / path.name for path in paths]
+
+        def progress(done: int, total: int, step: str) -> None:
+            note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
+
+        output, *outliers = (Path(str(one)) for one in task.outputs)
+        report = clean_file(
+            path,
+            output,
+            self.filter,
+            CleanOptions(**self.options),
+            outliers=outliers[0] if outliers else None,
+            progress=progress,
+            slow=lambda detector: inform(f'{path}: {detector}'),
+            inspect=lambda judged: found.append(self.inspect(judged)),
+            make=hidden,
+        )
+        counted = replace(record, state=DONE, topics={THE_FILE: _count_file(report)})
+        return Result(counted, asdict(report), report, found[0])
 
 
-def count_file(report: CleanReport) -> dict[str, Any]:
+def _count_file(report: CleanReport) -> dict[str, Any]:
     """Count a file as a recording with one cloud."""
     names = ('points', 'rejected', 'untested', 'invalid', 'ignored', 'spared')
     untested = f'{" and ".join(report.chain)} could test none' if report.is_untested else ''
-    counts = {
+    return {
         **{name: getattr(report, name) for name in names},
         'messages': 1,
         'kept': report.points - report.rejected,
@@ -230,4 +237,3 @@ def count_file(report: CleanReport) -> dict[str, Any]:
         'rejected_by': dict(report.rejected_by),
         'untested_because': untested,
     }
-    return {'topics': {THE_FILE: counts}}

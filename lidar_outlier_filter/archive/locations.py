@@ -88,6 +88,18 @@ def path_at(address: str) -> RecordingPath:
     return Path(key) if 'file' in system.protocol else RemotePath(system, key.rstrip('/'))
 
 
+def is_recording(path: RecordingPath) -> bool:
+    """Return whether a path is a single recording.
+
+    One that was not closed has no metadata, but files that are named after its folder.
+    """
+    if not path.is_dir():
+        return path.suffix in SUFFIXES
+    return (path / METADATA).exists() or any(
+        one.suffix in {'.mcap', '.db3'} and one.name.startswith(path.name) for one in path.iterdir()
+    )
+
+
 def find(addresses: Iterable[str]) -> list[Location]:
     """Find the recordings at addresses: each a recording, a folder of recordings, or a pattern.
 

@@ -31,7 +31,7 @@ from lidar_outlier_filter.archive.rows import (
     share,
     signed,
 )
-from lidar_outlier_filter.archive.storage import exists, read_all, write
+from lidar_outlier_filter.archive.storage import exists, foreign, read_all, write
 from lidar_outlier_filter.errors import FilterError, printable
 
 if TYPE_CHECKING:
@@ -70,8 +70,7 @@ def check_page(folder: RecordingPath) -> str:
     before, mark, after = text.partition(_OPEN)
     bare = before + mark + after[_SEAL_LENGTH:]
     if not mark or sha256(bare.encode()).hexdigest() != after[:_SEAL_LENGTH]:
-        must_be = 'new, or an unchanged page of an earlier run'
-        raise FilterError('the output', must_be, f'{path}, which exists')
+        raise foreign(path)
     return text
 
 
@@ -149,11 +148,10 @@ def _safe(text: str) -> str:
 
 def _made_by(done: Sequence[ArchiveRow]) -> Iterator[str]:
     """Say when, and by which versions and parameters outputs were made, the most frequent first."""
-    runs = Counter((row.record.code, row.record.parameters) for row in done).most_common()
+    runs = Counter(f'{one.record.code}, parameters {one.record.parameters[:12]}' for one in done)
     days = sorted(row.record.finished[:10] for row in done)
     texts = [
-        f'{code}, parameters {parameters[:12]}' + f' ({count:,})' * (len(runs) > 1)
-        for (code, parameters), count in runs[:MAX_NAMED]
+        text + f' ({count:,})' * (len(runs) > 1) for text, count in runs.most_common(MAX_NAMED)
     ]
     if len(runs) > MAX_NAMED:
         texts.append(f'{len(runs) - MAX_NAMED} others')

@@ -25,6 +25,7 @@ from lidar_outlier_filter.archive.storage import (
     exists,
     file_state,
     files_below,
+    foreign,
     read_all,
     remove,
     write,
@@ -65,22 +66,17 @@ class FoundOutputs:
             if record is None or record.outputs.keys() != self.files.keys():
                 continue
             names = ('source', 'size', 'parameters', 'code')
-            if (
-                all(getattr(record, name) == getattr(goal, name) for name in names)
-                and all(agrees(self.files[name], mark) for name, mark in record.outputs.items())
-                and is_same_input(record, task)
+            if not all(getattr(record, name) == getattr(goal, name) for name in names):
+                continue
+            is_same = record.source_state == goal.source_state  # or else its content decides
+            if all(agrees(self.files[name], mark) for name, mark in record.outputs.items()) and (
+                is_same or record.source_hash == content_hash(task.location)
             ):
                 return record
         return None
 
 
-def is_same_input(record: ArchiveRecord, task: Task) -> bool:
-    """Compare an input of the same size by its state, and by hash if the state differs."""
-    is_same = record.source_state == task.location.state
-    return is_same or record.source_hash == content_hash(task.location)
-
-
-def look(task: Task, *, read: bool = False) -> FoundOutputs:
+def find_outputs(task: Task, *, read: bool = False) -> FoundOutputs:
     """Find the outputs of a task that exist; ``read`` does not trust equal states.
 
     Raises
@@ -89,37 +85,24 @@ def look(task: Task, *, read: bool = False) -> FoundOutputs:
         If a file that no run wrote, or that changed since, has the place of an output.
 
     """
-    found, foreign = _look_once(task, read=read)
-    if foreign:  # or a run at the same time has named it meanwhile
-        found, foreign = _look_once(task, read=read)
-    if foreign:
-        raise _taken(foreign[0])
-    return found
-
-
-def _look_once(task: Task, *, read: bool) -> tuple[FoundOutputs, list[RecordingPath]]:
-    """Find the outputs of a task, and those that no record explains."""
-    # In this order: a run at the same time writes the sidecar before it removes the intent.
-    intended = sidecar.read(_intent(task))
-    noted = sidecar.read(task.sidecar)
-    records = [record.outputs for record in (noted, intended) if record is not None]
-    listed: dict[str, RecordingPath] = {}
-    for name, path in zip(task.names, task.outputs, strict=True):
-        listed.update(_files_at(path, name))
-    known: dict[str, RecordingPath] = {}
-    foreign = []
-    for name, path in listed.items():
-        marks = [outputs[name] for outputs in records if name in outputs]
-        if any(agrees(path, mark, read=read) for mark in marks):
-            known[name] = path
-        elif exists(path):  # not moved by a run at the same time
-            foreign.append(path)
-    return FoundOutputs(noted, intended, known), foreign
-
-
-def _taken(path: RecordingPath) -> FilterError:
-    must_be = 'new, or an unchanged output of an earlier run'
-    return FilterError('the output', must_be, f'{path}, which exists')
+    for _ in range(2):  # a run at the same time may have named one between the two lists
+        # In this order: such a run writes the sidecar before it removes the intent.
+        intended = sidecar.read(_intent(task))
+        noted = sidecar.read(task.sidecar)
+        records = [record.outputs for record in (noted, intended) if record is not None]
+        listed: dict[str, RecordingPath] = {}
+        for name, path in zip(task.names, task.outputs, strict=True):
+            listed.update(_files_at(path, name))
+        known = {
+            name: path
+            for name, path in listed.items()
+            if any(name in of and agrees(path, of[name], read=read) for of in records)
+        }
+        # One that is gone was moved by a run at the same time.
+        others = [path for name, path in listed.items() if name not in known and exists(path)]
+        if not others:
+            return FoundOutputs(noted, intended, known)
+    raise foreign(others[0])
 
 
 def _files_at(path: RecordingPath, name: str) -> dict[str, RecordingPath]:
@@ -136,6 +119,24 @@ def _files_at(path: RecordingPath, name: str) -> dict[str, RecordingPath]:
         listed = [here] if is_empty else [here / one for one in (*names, *links)]
         inside.update({f'{name}/{one.relative_to(path)}': one for one in listed})
     return inside or {name: path}
+
+
+def done_before(task: Task, goal: ArchiveRecord, found: FoundOutputs) -> ArchiveRecord | None:
+    """Return the record of a task that is done; write the sidecar that a killed run did not."""
+    record = found.done(goal, task)
+    if record is None:
+        return None
+    if record is not found.noted:
+        with suppress(FileNotFoundError), workshop(task.folder) as built:
+            (text,) = read_all([_intent(task)])  # if not: the run lives, and has written it
+            try:
+                write(task.sidecar, text.decode(), built, is_new=found.noted is None)
+            except FilterError:
+                if sidecar.read(task.sidecar) is None:
+                    raise
+    if found.intended is not None:
+        remove(_intent(task))
+    return record
 
 
 def _intent(task: Task) -> RecordingPath:
@@ -234,7 +235,7 @@ def publish(
         write(task.sidecar, sidecar.as_text(record, log), built, is_new=now.noted is None)
     except FilterError:
         with suppress(FilterError):  # the first one is raised
-            found = look(task)
+            found = find_outputs(task)
             if (other := found.done(record, task)) is not None:  # of a run that was faster
                 if found.noted is not None:
                     remove(_intent(task))
@@ -260,27 +261,13 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
         yield path
         return
     if path.exists():
-        raise _taken(path)
+        raise foreign(path)
     task = Task(Location(path, 0, ''), '', path.parent, (path.name,))
     with workshop(path.parent) as built, ExitStack() as undo:
         yield built / path.name
         streams = _send(task, _built(task, built), undo)
         _complete(task, streams, FoundOutputs(None, None, {}))
         undo.pop_all()
-
-
-def settle(task: Task, found: FoundOutputs, record: ArchiveRecord) -> None:
-    """Write the sidecar of a killed run whose outputs are complete, and remove its intent."""
-    if record != found.noted:
-        with suppress(FileNotFoundError), workshop(task.folder) as built:
-            (text,) = read_all([_intent(task)])  # if not: the run lives, and has written it
-            try:
-                write(task.sidecar, text.decode(), built, is_new=found.noted is None)
-            except FilterError:
-                if sidecar.read(task.sidecar) is None:
-                    raise
-    if found.intended is not None:
-        remove(_intent(task))
 
 
 def _built(task: Task, built: Path) -> dict[str, Path]:
@@ -298,12 +285,12 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
 
 def _check(task: Task, before: FoundOutputs) -> FoundOutputs:
     """Refuse outputs that came or changed since the work began."""
-    now = look(task, read=isinstance(task.folder, Path))  # a store marks the content
+    now = find_outputs(task, read=isinstance(task.folder, Path))  # a store marks the content
     if now.noted != before.noted:
-        raise _taken(task.sidecar)
+        raise foreign(task.sidecar)
     for name, path in now.files.items():
         if name not in before.files:
-            raise _taken(path)
+            raise foreign(path)
     return now
 
 
@@ -320,7 +307,7 @@ def _rename(task: Task, built: Path, now: FoundOutputs) -> None:
                 undo.callback(_put_back, older, path)
                 moved = _files_at(older, name)
                 if any(states.get(key) != file_state(file) for key, file in moved.items()):
-                    raise _taken(path)  # it changed in this moment
+                    raise foreign(path)  # it changed in this moment
         paths = [path for path in task.outputs if isinstance(path, Path)]
         new = [(built / path.name, path) for path in paths if (built / path.name).exists()]
         for _, path in new:

@@ -16,15 +16,11 @@ import numpy as np
 from lidar_outlier_filter.archive.sidecar import DONE, FAILED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-
-    ComparedShare = tuple[
-        str, float, Callable[['ArchiveRow'], float]
-    ]  # text, smallest deviation, value
 
 LIMIT = 3.5  # absolute robust z of an odd share
 MIN_COMPARED = 5  # recordings
@@ -94,8 +90,8 @@ def compare(records: Iterable[ArchiveRecord]) -> list[ArchiveRow]:
     """Make a row for each record: failed ones first, then incomplete ones, then by ``z``."""
     rows = [ArchiveRow(record) for record in records]
     done = [row for row in rows if row.is_done]
-    for text, least, value in _shares(done) if len(done) >= MIN_COMPARED else ():
-        values = np.array([value(row) for row in done])
+    for text, least, shares in _shares(done) if len(done) >= MIN_COMPARED else ():
+        values = np.array(shares)
         median = percent(float(np.median(values)))
         for row, one, z in zip(done, values, robust_z(values, least), strict=True):
             if abs(z) > abs(row.z):
@@ -117,28 +113,20 @@ def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     return result
 
 
-def _shares(done: Sequence[ArchiveRow]) -> list[ComparedShare]:
-    """List the shares that are compared; a single detector rejects what all reject."""
+def _shares(done: Sequence[ArchiveRow]) -> Iterator[tuple[str, float, list[float]]]:
+    """Give the shares that are compared: a text, the smallest deviation, and a value for each row.
+
+    A single detector rejects what all reject.
+    """
+    of_points = 'of the points rejected'
+    yield of_points, MIN_OF_POINTS, [row.of_points('rejected') for row in done]
     names = sorted({name for row in done for name in row.rejected_by})
-    each: list[ComparedShare] = [
-        (
-            f'of the points rejected by {name}',
-            MIN_OF_POINTS,
-            lambda row, name=name: share(row.rejected_by[name], row.sums['points']),  # type: ignore[misc]
-        )
-        for name in names
-        if len(names) > 1
-    ]
-    return [
-        ('of the points rejected', MIN_OF_POINTS, lambda row: row.of_points('rejected')),
-        *each,
-        ('of the points untested', MIN_OF_POINTS, lambda row: row.of_points('untested')),
-        (
-            'of the clouds after a gap',
-            MIN_OF_CLOUDS,
-            lambda row: share(row.sums['gaps'], row.sums['messages']),
-        ),
-    ]
+    for name in names if len(names) > 1 else ():
+        each = [share(row.rejected_by[name], row.sums['points']) for row in done]
+        yield f'{of_points} by {name}', MIN_OF_POINTS, each
+    yield 'of the points untested', MIN_OF_POINTS, [row.of_points('untested') for row in done]
+    gaps = [share(row.sums['gaps'], row.sums['messages']) for row in done]
+    yield 'of the clouds after a gap', MIN_OF_CLOUDS, gaps
 
 
 def share(part: float, whole: float) -> float:

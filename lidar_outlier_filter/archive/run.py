@@ -10,21 +10,21 @@ from collections import deque
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import code_version, content_hash, parameters_hash
-from lidar_outlier_filter.archive.jobs import JobResult, expected_record
-from lidar_outlier_filter.archive.publish import look, publish, settle, workshop
-from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, ArchiveRecord
-from lidar_outlier_filter.errors import FilterError, NoCloudsError, SchedulerError, quote_error
+from lidar_outlier_filter.archive.jobs import Result
+from lidar_outlier_filter.archive.publish import done_before, find_outputs, publish, workshop
+from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Task
-    from lidar_outlier_filter.archive.publish import FoundOutputs
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.archive.workers import Workers
 
 POLL_S = 0.2  # between two checks for an interrupt
@@ -32,68 +32,43 @@ AHEAD = 2  # tasks for each worker, of which one waits
 LOOKING = 16  # threads that look for outputs, most of which wait for a disk or a store
 
 
-@dataclass(frozen=True)
-class Result:
-    """The record of a task, what was made if it was not there, and what is to be said."""
-
-    record: ArchiveRecord
-    made: JobResult | None = None
-    said: Sequence[str] = ()
-
-
-def attempt(task: Task, job: Job, record: ArchiveRecord, note: Note, inform: Inform) -> Result:
+def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Inform) -> Result:
     """Read, judge and write one recording or file, unless another run has done so.
+
+    An error is a failed record: it costs only its own recording or file.
 
     Raises
     ------
-    FilterError
-        If it cannot be read, has changed meanwhile, or the outputs cannot be written.
+    SchedulerError
+        If the worker has other code.
 
     """
     began = perf_counter()
-    if job.dry:
-        made = job.make(task, Path(), note, inform)
-        return Result(replace(record, state=DONE, **made.counts), made)
-    before = look(task)
-    if (done := _done(task, record, before)) is not None:
-        return Result(done)
-    with workshop(task.folder) as built:
-        try:
-            made = job.make(task, built, note, inform)
-            record = replace(record, state=DONE, **made.counts)
-        except NoCloudsError as err:
-            made = JobResult({})
-            record = replace(record, state=NO_CLOUDS, error=str(err))
-        source_hash = content_hash(task.location)
-        task.location.check_unchanged(job.what)
-        record = replace(
-            record,
-            source_hash=source_hash,
-            seconds=round(perf_counter() - began, 3),
-            finished=datetime.now(UTC).isoformat(timespec='seconds'),
-        )
-        return Result(publish(task, built, record, made.log, before), made)
 
+    def timed(record: ArchiveRecord) -> ArchiveRecord:
+        now = datetime.now(UTC).isoformat(timespec='seconds')
+        return replace(record, seconds=round(perf_counter() - began, 3), finished=now)
 
-def attempt_safely(
-    task: Task, job: Job, record: ArchiveRecord, note: Note, inform: Inform
-) -> Result:
-    """Return a failed record instead of an error: it costs only its own recording or file."""
-    began = perf_counter()
     try:
-        return attempt(task, job, record, note, inform)
-    except SchedulerError:
-        raise
+        if job.dry:
+            return job.make(task, Path(), goal, note, inform)
+        before = find_outputs(task)
+        if (done := done_before(task, goal, before)) is not None:
+            return Result(done)
+        with workshop(task.folder) as built:
+            made = job.make(task, built, goal, note, inform)
+            source_hash = content_hash(task.location)
+            task.location.check_unchanged(job.what)
+            record = timed(replace(made.record, source_hash=source_hash))
+            return replace(made, record=publish(task, built, record, made.log, before))
     except FilterError as err:
         wrong = err
     except Exception as err:  # noqa: BLE001  whatever it is, the next one is worked on
         wrong = FilterError(f'the {job.what} {task.location.path}', job.done, quote_error(err))
-    finished = datetime.now(UTC).isoformat(timespec='seconds')
-    seconds = round(perf_counter() - began, 3)
-    return Result(replace(record, error=str(wrong), seconds=seconds, finished=finished))
+    return Result(timed(replace(goal, error=str(wrong))))
 
 
-def attempt_on_worker(task: Task, job: Job, record: ArchiveRecord) -> Result:
+def attempt_on_worker(task: Task, job: Job, goal: ArchiveRecord) -> Result:
     """Work on a task on a worker of Dask, with kernels on one thread.
 
     Raises
@@ -104,51 +79,43 @@ def attempt_on_worker(task: Task, job: Job, record: ArchiveRecord) -> Result:
     """
     name = f'{socket.gethostname()}:{os.getpid()}'
     own = parameters_hash(job.filter, job.options), code_version()
-    if own != (record.parameters, record.code):
-        must_be = f'of version {record.code}, with the same plug-ins and mask'
+    if own != (goal.parameters, goal.code):
+        must_be = f'of version {goal.code}, with the same plug-ins and mask'
         raise SchedulerError(f'the worker {name}', must_be, own[1])
-    said: list[str] = []
+    messages: list[str] = []
     job = replace(job, parameters={**job.parameters, 'threads': 1})
-    record = replace(record, worker=name)
-    result = attempt_safely(task, job, record, bool, said.append)
-    return replace(result, said=said)
+    result = attempt(task, job, replace(goal, worker=name), bool, messages.append)
+    return replace(result, messages=messages)
 
 
 class Progress:
-    """How much of a run is done; threads may report to it.
-
-    Attributes
-    ----------
-    number, total : tasks that are finished, and all
-    last : the source of the task that reported or finished last
-
-    """
+    """How much of a run is done; threads may report to it."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         """Take the tasks of a run."""
         sizes = [task.location.size for task in tasks]
         self._running: dict[Task, float] = {}  # shares that are done
         self._bytes_finished, self._bytes_total = 0, sum(sizes)
-        self.number, self.total = 0, len(sizes)
-        self.last = ''
+        self._number, self._total = 0, len(sizes)
+        self._last = ''
 
     def report(self, task: Task, share: float) -> None:
         """Note which share of a task is done."""
         self._running[task] = share
-        self.last = task.source
+        self._last = task.source
 
     def finish(self, task: Task) -> None:
         """Note that a task is finished."""
         self._running.pop(task, None)
         self._bytes_finished += task.location.size
-        self.number += 1
-        self.last = task.source
+        self._number += 1
+        self._last = task.source
 
-    def bytes_done(self) -> tuple[int, int]:
-        """Return how many bytes of the inputs are done, and all."""
+    def state(self) -> tuple[int, int, str]:
+        """Return how many bytes of the inputs are done, and all; and a text with counts."""
         running = self._running.copy().items()
         done = self._bytes_finished + sum(share * task.location.size for task, share in running)
-        return round(done), self._bytes_total
+        return round(done), self._bytes_total, f'{self._number} of {self._total}, {self._last}'
 
 
 def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, ArchiveRecord]]:
@@ -157,9 +124,9 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
         return list(tasks), {}
 
     def record_of(task: Task) -> ArchiveRecord | None:
-        goal = expected_record(task, job)
+        goal = job.goal(task)
         try:
-            return _done(task, goal, look(task))
+            return done_before(task, goal, find_outputs(task))
         except FilterError as err:
             return replace(goal, error=str(err))
 
@@ -169,14 +136,6 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
     return [task for task in tasks if task not in records], records
 
 
-def _done(task: Task, goal: ArchiveRecord, found: FoundOutputs) -> ArchiveRecord | None:
-    """Return the record of a task that is done."""
-    record = found.done(goal, task)
-    if record is not None:
-        settle(task, found, record)
-    return record
-
-
 @dataclass
 class Run:
     """Submits tasks, several for each worker, and collects their results.
@@ -184,22 +143,20 @@ class Run:
     Parameters
     ----------
     job, workers : what is done, and by whom
-    show : called regularly with the progress
+    show : called regularly with the bytes that are done, all bytes, and a text
     leave : called regularly; may raise to stop the run
     inform : called with sentences
-    keep : called with each result
 
     """
 
     job: Job
     workers: Workers
-    show: Callable[[Progress], object] = bool
+    show: Callable[[int, int, str], object] = lambda *_: None
     leave: Callable[[], object] = lambda: None
     inform: Inform = str
-    keep: Callable[[Task, Result], object] = lambda _task, _result: None
 
-    def all(self, tasks: Sequence[Task]) -> dict[Task, ArchiveRecord]:
-        """Run tasks; then those whose workers died, one at a time; return the record of each.
+    def all(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Result]]:
+        """Run tasks; then those whose workers died, one at a time; give the result of each.
 
         Dask blames the death of a worker on all tasks that it had, also on those that waited.
 
@@ -210,15 +167,13 @@ class Run:
 
         """
         self._progress = Progress(tasks)
-        self._records: dict[Task, ArchiveRecord] = {}
-        self._suspects: list[Task] = []
-        self._each(tasks, lambda: AHEAD * self.workers.count(), self._suspects)
-        self._each(self._suspects, lambda: 1, None)
-        return self._records
+        suspects: list[Task] = []
+        yield from self._each(tasks, lambda: AHEAD * self.workers.count(), suspects)
+        yield from self._each(suspects, lambda: 1, None)
 
     def _each(
         self, tasks: Iterable[Task], at_once: Callable[[], int], suspects: list[Task] | None
-    ) -> None:
+    ) -> Iterator[tuple[Task, Result]]:
         waiting = deque(tasks)
         running: dict[Future[Result], Task] = {}
         while waiting or running:
@@ -228,24 +183,28 @@ class Run:
                 running[self._submit(task)] = task
             self.leave()
             self.workers.check()
-            self.show(self._progress)
+            self.show(*self._progress.state())
             for future in wait(running, POLL_S, FIRST_COMPLETED).done:
-                self._end(running.pop(future), future, suspects)
+                task = running.pop(future)
+                if suspects is not None and _is_killed(future):
+                    suspects.append(task)
+                    continue
+                yield task, self._result(task, future)
+                self._progress.finish(task)
+                self.show(*self._progress.state())
 
     def _submit(self, task: Task) -> Future[Result]:
-        record = expected_record(task, self.job)
+        goal, submit = self.job.goal(task), self.workers.executor.submit
         if self.workers.client is not None:
-            return self.workers.executor.submit(attempt_on_worker, task, self.job, record)
+            return submit(attempt_on_worker, task, self.job, goal)
 
         def note(share: float) -> None:
             self.leave()
             self._progress.report(task, share)
 
-        return self.workers.executor.submit(
-            attempt_safely, task, self.job, record, note, self.inform
-        )
+        return submit(attempt, task, self.job, goal, note, self.inform)
 
-    def _end(self, task: Task, future: Future[Result], suspects: list[Task] | None) -> None:
+    def _result(self, task: Task, future: Future[Result]) -> Result:
         try:
             result = future.result()
         except SchedulerError:
@@ -253,23 +212,20 @@ class Run:
         except CancelledError as err:
             raise self.workers.gone() from err
         except Exception as err:  # noqa: BLE001  whatever comes from another machine
-            if suspects is not None and type(err).__name__ == 'KilledWorker':
-                suspects.append(task)
-                return
-            result = Result(replace(expected_record(task, self.job), error=self._blame(task, err)))
-        for sentence in result.said:
+            must_be, got = f'{self.job.done} by the workers', quote_error(err)
+            if _is_killed(future):
+                must_be = f'{self.job.done} without a worker that dies'
+                got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
+            wrong = FilterError(f'the {self.job.what} {task.location.path}', must_be, got)
+            result = Result(replace(self.job.goal(task), error=str(wrong)))
+        for sentence in result.messages:
             self.inform(sentence)
-        self._records[task] = result.record
-        self.keep(task, result)
-        self._progress.finish(task)
-        self.show(self._progress)
+        return result
 
-    def _blame(self, task: Task, err: Exception) -> str:
-        what = f'the {self.job.what} {task.location.path}'
-        if type(err).__name__ == 'KilledWorker':
-            got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
-            return str(FilterError(what, f'{self.job.done} without a worker that dies', got))
-        return str(FilterError(what, f'{self.job.done} by the workers', quote_error(err)))
+
+def _is_killed(future: Future[Result]) -> bool:
+    """Return whether Dask gave up on a task because its workers died."""
+    return not future.cancelled() and type(future.exception()).__name__ == 'KilledWorker'
 
 
 def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, str]) -> None:
@@ -287,18 +243,11 @@ def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, s
         With the first such name.
 
     """
-    known = dict(reserved)
-    names = [(str(path), task) for task in tasks for path in (*task.outputs, task.sidecar)]
-    for name, task in names:
-        _refuse_taken(name, known.get(name), task, job)
-        known[name] = str(task.location.path)
-    for name, task in names:
-        parts = name.split('/')
-        for count in range(1, len(parts)):
-            _refuse_taken(name, known.get('/'.join(parts[:count])), task, job)
-
-
-def _refuse_taken(name: str, other: str | None, task: Task, job: Job) -> None:
-    if other is not None:
-        got = f'{other} and {task.location.path}'
-        raise FilterError(f'the output {name}', f'that of one {job.what}', got)
+    names = [(path.split('/'), what) for path, what in reserved.items()]
+    for task in tasks:
+        paths = (*task.outputs, task.sidecar)
+        names += [(str(path).split('/'), str(task.location.path)) for path in paths]
+    for (outer, one), (inner, other) in pairwise(sorted(names)):
+        if inner[: len(outer)] == outer:
+            name = '/'.join(inner)
+            raise FilterError(f'the output {name}', f'that of one {job.what}', f'{one} and {other}')

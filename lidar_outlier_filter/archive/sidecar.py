@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.fingerprints import FileMark
-from lidar_outlier_filter.archive.storage import exists, files_below, read_all
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.archive.storage import exists, files_below, foreign, read_all
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -135,8 +134,7 @@ def read(path: RecordingPath) -> ArchiveRecord | None:
         if [*found] == [path] and not (isinstance(path, Path) and path.is_symlink()):
             records = _parsed(found)
     if not records and exists(path):
-        must_be = 'new, or an unchanged sidecar of an earlier run'
-        raise FilterError('the output', must_be, f'{path}, which exists')
+        raise foreign(path)
     return records[0] if records else None
 
 

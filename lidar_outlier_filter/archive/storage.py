@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.disk.new_files import publish, writable
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
 if TYPE_CHECKING:
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
     State = tuple[int, str]  # bytes, and what changes with the content
 
 _MARKS = ('ETag', 'etag', 'version_id', 'LastModified', 'mtime', 'created')
+
+
+def foreign(path: RecordingPath) -> FilterError:
+    """Return the error for a file, in the place of an output, that no run left so."""
+    must_be = 'new, or an unchanged output of an earlier run'
+    return FilterError('the output', must_be, f'{path}, which exists')
 
 
 def exists(path: RecordingPath) -> bool:

@@ -187,16 +187,11 @@ def _client(
 @contextmanager
 def _silent() -> Iterator[None]:
     """Keep Dask from logging lost connections, which :class:`SchedulerError` reports."""
-    names = [name for name in logging.root.manager.loggerDict if name.startswith('distributed')]
-    loggers = [logging.getLogger(name) for name in names]  # each has its own level
-    before = [logger.level for logger in loggers]
-    try:
-        for logger in loggers:
-            logger.setLevel(logging.CRITICAL + 1)
+    with ExitStack() as stack:
+        for handler in logging.getLogger('distributed').handlers:
+            stack.callback(handler.setLevel, handler.level)
+            handler.setLevel(logging.CRITICAL + 1)
         yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
 
 
 def _require() -> None:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator, Sequence
 
-    from lidar_outlier_filter.archive.jobs import Job, Task
-    from lidar_outlier_filter.archive.run import Progress, Result
+    from lidar_outlier_filter.archive.jobs import Job, Result, Task
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -78,22 +77,17 @@ def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:
 
 def is_archive(address: str) -> bool:
     """Return whether an address is a folder of recordings, or a pattern."""
-    from lidar_outlier_filter.archive.locations import METADATA, PATTERN, path_at
+    from lidar_outlier_filter.archive.locations import PATTERN, is_recording, path_at
 
     path = path_at(address)
     if not path.exists():
         return any(letter in address for letter in PATTERN)
-    if not path.is_dir() or (path / METADATA).exists():
-        return False
-    # A recording that was not closed has no metadata, but files that are named after its folder.
-    return not any(
-        one.suffix in {'.mcap', '.db3'} and one.name.startswith(path.name) for one in path.iterdir()
-    )
+    return path.is_dir() and not is_recording(path)
 
 
 def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
-    from lidar_outlier_filter.archive.jobs import Task, replay_job
+    from lidar_outlier_filter.archive.jobs import ReplayJob, Task
     from lidar_outlier_filter.archive.locations import find, path_at
 
     path = path_at(options.recording)
@@ -105,14 +99,14 @@ def replay_archive(options: argparse.Namespace) -> int:
     if is_searched:
         refuse_inside(folder, root)
     parameters = read_parameters(options.params, options.settings, options.chain)
-    job = replay_job(parameters, _replay_options(options))
+    job = ReplayJob(parameters, _replay_options(options))
     tasks = []
     for location in locations:
         name = str(location.path)[len(str(root)) :].lstrip('/')
         suffix = '' if location.is_folder else location.path.suffix
         tasks.append(Task(location, name, folder, (name.removesuffix(suffix),)))
-    records, tried = go_through(tasks, job, options, root.name, folder)
-    show_replayed(tasks, records, tried, job, folder)
+    records, results = go_through(tasks, job, options, root.name, folder)
+    show_replayed(tasks, records, results, job, folder)
     return status(records)
 
 
@@ -182,17 +176,16 @@ def refuse_inside(folder: RecordingPath, root: RecordingPath) -> None:
         raise FilterError('the output', f'outside of {root}, which is searched', folder)
 
 
-def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the results
+def go_through(
     tasks: Sequence[Task],
     job: Job,
     options: argparse.Namespace,
     name: str,
     folder: RecordingPath | None,
-    keep: Callable[[Task, Result], object] = lambda _task, _result: None,
-) -> tuple[list[ArchiveRecord], list[Task]]:
+) -> tuple[list[ArchiveRecord], dict[Task, Result]]:
     """Do a job for all tasks that are not done; write the page of ``folder``, if there is one.
 
-    ``keep`` is called with each result. Return the records of all, and the tasks that were tried.
+    Return the records of all, and the results of the tasks that were done or tried now.
 
     Raises
     ------
@@ -207,21 +200,16 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
     from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
     from lidar_outlier_filter.archive.sidecar import FAILED, read_folder
 
-    has_page = folder is not None and not job.dry
     refuse_taken_names(tasks, job, {str(folder / PAGE): 'the page'} if folder is not None else {})
-    if folder is not None and has_page:
-        check_reached(folder)
-        check_page(folder)
+    page_folder = None if job.dry else folder
+    if page_folder is not None:
+        check_reached(page_folder)
+        check_page(page_folder)
     todo, records = pending(tasks, job)
-    done: dict[Task, ArchiveRecord] = {}
-
-    def note(task: Task, result: Result) -> None:
-        done[task] = result.record
-        keep(task, result)
+    results: dict[Task, Result] = {}
 
     def how_far() -> str:
-        before = [*records.values(), *done.values()]
-        count = sum(record.state != FAILED for record in before)
+        count = sum(record.state != FAILED for record in records.values())
         said = f'{count} of {len(tasks)} {job.what}s are done'
         return f'{said}; the same command continues with the others'
 
@@ -232,15 +220,15 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
             with ExitStack() as stack:
                 stack.enter_context(saying_how_far(how_far))
                 leave = stack.enter_context(stopping())
-                shown = stack.enter_context(_progress(name))
+                shown = stack.enter_context(progress_bar(name, lines=True))
                 workers = stack.enter_context(_workers(options, todo, job))
-                Run(job, workers, shown, leave, _once(), note).all(todo)
-        records |= done
-        if folder is not None and has_page:
+                for task, result in Run(job, workers, shown, leave, _once()).all(todo):
+                    results[task], records[task] = result, result.record
+        if page_folder is not None:
             failed = [record for record in records.values() if record.state == FAILED]
-            written = {record.source: record for record in (*read_folder(folder), *failed)}
-            write_page(written.values(), folder, job.what)
-    return [records[task] for task in tasks], todo
+            written = {record.source: record for record in (*read_folder(page_folder), *failed)}
+            write_page(written.values(), page_folder, job.what)
+    return [records[task] for task in tasks], results
 
 
 @contextmanager
@@ -270,15 +258,6 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
         else:
             found = workers.threads(jobs)
         yield stack.enter_context(found)
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Callable[[Progress], object]]:
-    """Show a bar, as :func:`progress_bar`, of the bytes of the inputs."""
-    with progress_bar(name, lines=True) as show:
-        yield lambda progress: show(
-            *progress.bytes_done(), f'{progress.number} of {progress.total}, {progress.last}'
-        )
 
 
 def _once() -> Callable[[str], object]:

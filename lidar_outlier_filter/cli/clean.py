@@ -36,8 +36,7 @@ from lidar_outlier_filter.errors import ParameterError
 if TYPE_CHECKING:
     import argparse
 
-    from lidar_outlier_filter.archive.jobs import JobResult, Task
-    from lidar_outlier_filter.archive.run import Result
+    from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
@@ -189,19 +188,15 @@ def _clean_many(
     look: _LookForWorst,
 ) -> int:
     """Clean several files, also those of folders."""
-    from lidar_outlier_filter.archive.jobs import clean_job
+    from dataclasses import asdict
+
+    from lidar_outlier_filter.archive.jobs import CleanJob
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
-    job = clean_job(parameters, _clean_options(options), look)
-    made: dict[Task, JobResult] = {}
-
-    def keep(task: Task, result: Result) -> None:
-        if result.made is not None:
-            made[task] = result.made
-
-    records, tried = go_through(tasks, job, options, 'cleaning', folder, keep)
-    tables.show_cleaned(tasks, records, tried, job, made)
+    job = CleanJob(parameters, asdict(_clean_options(options)), look)
+    records, results = go_through(tasks, job, options, 'cleaning', folder)
+    tables.show_cleaned(tasks, records, results, job)
     return tables.status(records)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.archive.jobs import Job, JobResult, Task
+    from lidar_outlier_filter.archive.jobs import Job, Result, Task
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
@@ -159,14 +159,13 @@ def status(records: Sequence[ArchiveRecord]) -> int:
 def show_cleaned(
     tasks: Sequence[Task],
     records: Sequence[ArchiveRecord],
-    tried: Sequence[Task],
+    results: Mapping[Task, Result],
     job: Job,
-    made: Mapping[Task, JobResult],
 ) -> None:
     """Print the results of many files: sentences, tables, and the outputs."""
     reports, worst = {}, {}
     for task, record in zip(tasks, records, strict=True):
-        one = made.get(task)
+        one = results.get(task)
         if one is None or one.report is None:
             say_lacks(task, record)
             continue
@@ -175,9 +174,9 @@ def show_cleaned(
         if one.found is not None:
             worst[path] = one.found
     is_shown = len(tasks) > 1 or records[0].error is None
-    _show(reports, worst, table_of_all(tasks, records, tried, job) if is_shown else None)
+    _show(reports, worst, table_of_all(tasks, records, results, job) if is_shown else None)
     if len(tasks) > 1:
-        print_counts(tasks, records, tried, job)
+        print_counts(tasks, records, results, job)
 
 
 def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: float) -> None:

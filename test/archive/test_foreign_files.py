@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from helpers.archives import command_of, content, hidden, tree
 
-from lidar_outlier_filter.archive import jobs
+from lidar_outlier_filter.archive import publish, run
 from lidar_outlier_filter.cli.main import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from lidar_outlier_filter.archive.jobs import Task
 
     Capture = pytest.CaptureFixture[str]
     Words = Callable[..., list[str]]
@@ -147,11 +149,10 @@ def test_what_comes_while_a_run_works_stays(
     """A file that is laid there, or edited, after the start is refused before the rename."""
     if not is_new:
         assert main(words) == 0
-    known = jobs.Job.make
+    known = publish.publish
     path = OUT / ('first' if words[0] == 'replay' else '000_cleaned.csv')
 
-    def make(job: Any, task: jobs.Task, *given: Any) -> Any:
-        made = known(job, task, *given)
+    def late(task: Task, *given: Any) -> Any:
         if task.outputs[0].name == path.name:
             target = path.with_name(f'{path.name}.json') if which == 'sidecar' else path
             if which == 'other' and path.is_dir():
@@ -161,10 +162,10 @@ def test_what_comes_while_a_run_works_stays(
             target.unlink(missing_ok=True)
             target.write_text('mine')
             touched.append(target)
-        return made
+        return known(task, *given)
 
     touched: list[Path] = []
-    monkeypatch.setattr(jobs.Job, 'make', make)
+    monkeypatch.setattr(run, 'publish', late)
     before = content(OUT)
     assert main([*words, *([] if is_new else ['--set=scores=true'])]) == 3
     assert touched[0].read_text() == 'mine'

@@ -23,7 +23,7 @@ from helpers.archives import (
     write_clouds,
 )
 
-from lidar_outlier_filter.archive import jobs, publish
+from lidar_outlier_filter.archive import publish, run
 from lidar_outlier_filter.archive.sidecar import read_folder
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
@@ -177,7 +177,7 @@ def test_folders_of_another_run_vanish(tmp_path: Path) -> None:
         other.join()
 
 
-@pytest.mark.parametrize('step', ['publish.look', 'publish._rename', 'publish.write'])
+@pytest.mark.parametrize('step', ['publish.find_outputs', 'publish._rename', 'publish.write'])
 @pytest.mark.parametrize('is_same', [True, False])
 def test_another_run_is_faster(
     words: list[str],
@@ -195,9 +195,9 @@ def test_another_run_is_faster(
     known: Callable[..., Any] = getattr(publish, name)
     command = [sys.executable, '-m', 'lidar_outlier_filter.cli.main', *other]
     begun, made = list[int](), list[int]()
-    plain = jobs.Job.make
+    plain = publish.publish
 
-    def make(*given: Any) -> Any:
+    def late(*given: Any) -> Any:
         made.append(1)
         return plain(*given)
 
@@ -207,7 +207,7 @@ def test_another_run_is_faster(
             subprocess.run(command, check=True, capture_output=True)
         return known(*given, **more)
 
-    monkeypatch.setattr(jobs.Job, 'make', make)
+    monkeypatch.setattr(run, 'publish', late)
     monkeypatch.setattr(publish, name, call)
     status = main(words)
     assert begun

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +148,7 @@ class Poisoned:
         tried = self.folder / task.source
         if task.source == '003.csv' or (task.source == '005.csv' and not tried.exists()):
             tried.touch()
-            job = jobs.clean_job(job.parameters, job.clean, die)
+            job = replace(job, inspect=die)
         return self.known(task, job, *given)
 
 
