@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.cloud_file import open_cloud, read, readable
+from lidar_outlier_filter.files.cloud_file import check_file, open_cloud, read, readable
 from lidar_outlier_filter.messages.cloud import is_empty, structured
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def by_number(folder: Path) -> list[Path]:
         If there is no file, or two names differ in anything else.
 
     """
-    paths = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith('.')]
+    paths = [one for one in folder.iterdir() if not (one.is_dir() or one.name.startswith('.'))]
     if not paths:
         raise RecordingError('the folder of the labels', 'with files', f'{folder}, empty')
     paths.sort(key=_parts)
@@ -208,6 +208,7 @@ def read_column(path: Path, name: str) -> NDArray[Any]:
     if plain is None:
         return np.concatenate([values for (values,) in read(open_cloud(path), [name])])
     with readable(path):
+        check_file(path)
         values = plain(path)
         if values.ndim != 1 or values.dtype.kind not in 'iufb':
             got = f'{values.dtype} {values.shape}'

@@ -152,9 +152,7 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     if table is not None and module != 'sqlite':
         raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
     with readable(path):
-        if not path.is_file():
-            got = 'a folder' if path.is_dir() else 'a pipe or device' if path.exists() else 'none'
-            raise CloudError(f'the file {path}', 'a file', got)
+        check_file(path)
         try:
             kind = getattr(import_module(f'{__package__}.{module}'), name)
         except ModuleNotFoundError as err:
@@ -164,6 +162,13 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
         if len(opened) == 0:
             raise CloudError(f'the cloud {path}', 'of at least one point', 0)
         return opened
+
+
+def check_file(path: Path) -> None:
+    """Refuse folders, and pipes and devices, on which reading may block."""
+    if not path.is_file():
+        got = 'a folder' if path.is_dir() else 'a pipe or device' if path.exists() else 'none'
+        raise CloudError(f'the file {path}', 'a file', got)
 
 
 def copy_suffix(path: Path) -> str:

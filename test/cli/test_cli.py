@@ -260,6 +260,10 @@ def test_an_empty_argument(words: list[str], capsys: Capture) -> None:
         ('replay pipe', 'got a pipe or device'),
         ('clean a.csv --set=mask=pipe', 'got a pipe or device'),
         ('evaluate a.csv --labels=pipe', 'got a pipe or device'),
+        (
+            'evaluate a.csv --verdict=x --labels=labels',
+            '1.label must be a file, got a pipe or device',
+        ),
         ('clean a.csv --chain=sor --params by_name.yaml', 'the mask pipe must be a readable file'),
     ],
 )
@@ -269,6 +273,8 @@ def test_named_pipes(
     """To open one would wait for ever, wherever it is named."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo('pipe')
+    Path('labels').mkdir()
+    os.mkfifo('labels/1.label')
     Path('a.csv').write_text('x,y,z\n0,0,0\n')
     Path('by_name.yaml').write_text('/**:\n  ros__parameters:\n    mask: pipe\n')
     assert main(words.split()) == 1

@@ -219,6 +219,7 @@ def test_what_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]
             sentence = capsys.readouterr().err
             assert sentence.count('\n') == 1
             assert ' must be ' in sentence
+            assert '/.' not in sentence  # the name of a hidden folder
             assert sorted(tmp_path.iterdir()) == before
 
 
