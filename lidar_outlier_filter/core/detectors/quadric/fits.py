@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes away
 # Numba takes elements of a tuple of constants as constants, and compiles what they are given to for
@@ -39,7 +40,12 @@ class Window(NamedTuple):
 
     xyz: Floats  # (3, M)
     variance: Floats  # (M,) of any coordinate of each point; only their ratios count
-    rows: Floats  # (M, 10) B (23) in the frame of the plane
+    rows: Floats  # (M, 12) B (23) in the frame of the plane, and two zeros
+    saved_test: Floats  # (2, M) test of the plane, and of the paraboloid
+    saved_kept: Bools  # (2, M) kept of the plane, and of the paraboloid
+    which: Ints  # (M,)
+    local: Floats  # (3, M) coordinates in the frame of the plane
+    some: Floats  # (3, M) the points on no surface so far
     residual: Floats  # (M,) v (29)
     sigma2: Floats  # (M,) σ² (30)
     slope: Floats  # (M,) the length of the gradient (25)-(27)
@@ -51,14 +57,15 @@ class Window(NamedTuple):
     left: Bools  # (M,) on no surface so far
     kept: Bools  # (M,) in the fit
     next: Bools  # (M,) in the next one
+    start: Bools  # (M,) in the first fit of a surface
     a: Floats  # (10,) parameters
     step: Floats  # (10,) what (29) is to change of them
     plane: Floats  # (16,) normal, axes of the middle and the largest moment, mean, moments, weight
     best: Floats  # (16,) the best one to begin with
-    normal: Floats  # (11, 11) Bᵀ P B
-    cofactor: Floats  # (11, 11) Q of the parameters
-    square: Floats  # (11, 11)
-    vectors: Floats  # (11, 11)
+    normal: Floats  # (12, 12) Bᵀ P B
+    cofactor: Floats  # (12, 12) Q of the parameters
+    square: Floats  # (12, 12)
+    vectors: Floats  # (12, 12)
 
 
 def empty_window(room: int) -> Window:
@@ -66,34 +73,41 @@ def empty_window(room: int) -> Window:
     return Window(
         np.zeros((3, room)),
         np.ones(room),
-        np.zeros((room, QUADRIC)),
+        np.zeros((room, WIDTH)),
+        np.zeros((2, room)),
+        np.zeros((2, room), np.bool_),
+        np.zeros(room, np.int64),
+        *np.zeros((2, 3, room)),
         *np.zeros((8, room)),
-        *np.zeros((3, room), np.bool_),
+        *np.zeros((4, room), np.bool_),
         *np.zeros((2, QUADRIC)),
         *np.zeros((2, 16)),
-        *np.zeros((4, QUADRIC + 1, QUADRIC + 1)),
+        *np.zeros((4, WIDTH, WIDTH)),
     )
 
 
-@device_function
+@noalias_kernel
 def sum_normal(window: Window, n: int, size: int) -> None:
-    """Sum the normal matrix Bᵀ P B."""
-    rows, normal = window.rows, window.normal
-    normal[:size] = 0.0
+    """Sum the normal matrix Bᵀ P B: part = P B; normal[j] += part[j] B, for each of the points."""
+    rows, weight, normal, which = window.rows, window.weight, window.normal, window.which
+    for j in range(size):
+        for k in range(WIDTH):
+            normal[j, k] = 0.0
+    count = 0
     for i in range(n):
-        weight = window.weight[i]
-        if weight == 0:
-            continue
+        which[count] = i
+        count += weight[i] != 0
+    for m in range(count):
+        p = np.uint64(which[m])
         for j in range(size):
-            part = weight * rows[i, j]
-            for k in range(j + 1):
-                normal[j, k] += part * rows[i, k]
+            # Of the upper triangle only what comes with the lower one.
+            add_row(normal, j, weight[p] * rows[p, j], rows, p, j + 1)
     for j in range(size):
         for k in range(j):
             normal[k, j] = normal[j, k]
 
 
-@device_function
+@noalias_kernel
 def _invert_bordered(window: Window, size: int) -> bool:
     """Find Q: the inverse of the normal matrix bordered by a, without the border.
 
@@ -105,13 +119,13 @@ def _invert_bordered(window: Window, size: int) -> bool:
     for i in range(size):
         largest = max(largest, window.normal[i, i])
     for i in range(size + 1):
-        for j in range(size + 1):
+        for j in range(WIDTH):
             square[i, j] = window.normal[i, j] if i < size and j < size else 0.0
             inverse[i, j] = 1.0 if i == j else 0.0
     for i in range(size):
         # The border is as large as the rest: the choice of pivots shall not depend on weights.
         square[i, size] = square[size, i] = window.a[i] * largest
-    if not _eliminate(square, inverse, size + 1, SINGULAR * largest):
+    if not _eliminate(square, inverse, size, SINGULAR * largest):
         return False
     for i in range(size):
         for j in range(size):
@@ -119,33 +133,33 @@ def _invert_bordered(window: Window, size: int) -> bool:
     return True
 
 
-@device_function
+@noalias_kernel
 def _eliminate(square: Floats, inverse: Floats, size: int, least: float) -> bool:
-    """Turn the unit matrix ``inverse`` into the inverse of ``square``, by Gauss and Jordan."""
-    for i in range(size):
+    """Turn the unit matrix ``inverse`` into that of ``square``, which has one row more than size.
+
+    By Gauss and Jordan; False if a pivot is not larger than the least.
+    """
+    bordered = size + 1
+    for i in range(bordered):
         pivot = i
-        for j in range(i + 1, size):
+        for j in range(i + 1, bordered):
             if abs(square[j, i]) > abs(square[pivot, i]):
                 pivot = j
         if not abs(square[pivot, i]) > least:
             return False
-        for k in range(size):
-            square[i, k], square[pivot, k] = square[pivot, k], square[i, k]
-            inverse[i, k], inverse[pivot, k] = inverse[pivot, k], inverse[i, k]
-        factor = 1 / square[i, i]
-        for k in range(size):
-            square[i, k] *= factor
-            inverse[i, k] *= factor
-        for j in range(size):
-            factor = square[j, i]
-            if j != i and factor != 0:
-                for k in range(size):
-                    square[j, k] -= factor * square[i, k]
-                    inverse[j, k] -= factor * inverse[i, k]
+        factor = 1 / square[pivot, i]
+        for k in range(WIDTH):
+            square[pivot, k], square[i, k] = square[i, k], square[pivot, k] * factor
+            inverse[pivot, k], inverse[i, k] = inverse[i, k], inverse[pivot, k] * factor
+        for j in range(bordered):
+            if j != i:
+                factor = -square[j, i]
+                add_row(square, j, factor, square, i, bordered)
+                add_row(inverse, j, factor, inverse, i, bordered)
     return True
 
 
-@kernel
+@noalias_kernel
 def step(window: Window, n: int, size: int) -> tuple[float, float]:
     """Solve (29) once, by the weights: δa = -Q Bᵀ P w is added to a.
 
@@ -177,22 +191,24 @@ def step(window: Window, n: int, size: int) -> tuple[float, float]:
     return before, max(after, 0.0)
 
 
-@device_function
+@noalias_kernel
 def normalize(window: Window, size: int) -> None:
     """Give the parameters the norm 1 (19)."""
     squared = 0.0
     for i in range(size):
         squared += window.a[i] * window.a[i]
-    window.a[:size] /= np.sqrt(squared)
+    length = np.sqrt(squared)
+    for i in range(size):
+        window.a[i] /= length
 
 
-@device_function
-def fit_plane(window: Window, begin: int, end: int) -> None:
+@noalias_kernel
+def fit_plane(window: Window, xyz: Floats, begin: int, end: int) -> None:
     """Fit the plane through points begin to end by their weights, at least one of them not 0.
 
     The normal is the axis of the least moment: the exact solution of (29) for four parameters.
     """
-    xyz, weight = window.xyz, window.weight
+    weight = window.weight
     total = x = y = z = xx = xy = xz = yy = yz = zz = 0.0
     for i in range(begin, end):
         p = weight[i]
@@ -228,43 +244,41 @@ def fit_plane(window: Window, begin: int, end: int) -> None:
             plane[3 * place + axis] = window.vectors[axis, k]
 
 
-@device_function
+@noalias_kernel
 def is_plane(window: Window, floor: float) -> bool:
     """Return a plane from a line: it is wider than the least standard deviation."""
     return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
 
 
-@device_function
+@noalias_kernel
 def adjust_plane(window: Window, n: int, floor: float) -> bool:
     """Fit the plane to the kept points; measure all points. False if they lie on a line."""
     for i in range(n):
         window.weight[i] = 1 / window.variance[i] if window.kept[i] else 0.0
-    fit_plane(window, BEGIN[0], n)
+    fit_plane(window, window.xyz, BEGIN[0], n)
     if not is_plane(window, floor):
         return False
     measure_plane(window, n)
     return True
 
 
-@device_function
-def measure_heights(window: Window, begin: int, end: int) -> None:
-    """Measure the residuals (29) of points begin to end from the plane: heights over it."""
-    xyz, plane = window.xyz, window.plane
+@noalias_kernel
+def measure_heights(plane: Floats, xyz: Floats, begin: int, end: int, heights: Floats) -> None:
+    """Measure the residuals (29) of points begin to end from a plane: heights over it."""
     x, y, z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
     zero = x * plane[MEAN] + y * plane[MEAN + 1] + z * plane[MEAN + 2]
     for i in range(begin, end):
-        window.residual[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
+        heights[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
 
 
-@device_function
+@noalias_kernel
 def measure_plane(window: Window, n: int) -> None:
     """Measure all points against the plane: residual, variance, slope and lever.
 
     Height and tilts of the plane are uncorrelated in its own axes: Q is diagonal.
     """
-    measure_heights(window, BEGIN[0], n)
+    measure_heights(window.plane, window.xyz, BEGIN[0], n, window.residual)
     xyz, plane = window.xyz, window.plane
-    window.slope[:n] = 1.0
     level = 1 / plane[WEIGHT]
     squared = plane[NORMAL] ** 2 + plane[NORMAL + 1] ** 2 + plane[NORMAL + 2] ** 2  # 1, rounded
     tilt_middle, tilt_long = 1 / plane[MOMENTS + 1], 1 / plane[MOMENTS + 2]
@@ -274,34 +288,36 @@ def measure_plane(window: Window, n: int) -> None:
         v = plane[LONG] * x + plane[LONG + 1] * y + plane[LONG + 2] * z
         window.lever[i] = level + u * u * tilt_middle + v * v * tilt_long
         window.sigma2[i] = window.variance[i] * squared
+        window.slope[i] = 1.0
 
 
-@device_function
+@noalias_kernel
 def fill_rows(window: Window, n: int) -> None:
-    """Fill B (23) of all points, in the frame of the plane."""
-    xyz, plane, rows, root = window.xyz, window.plane, window.rows, ROOT2
+    """Fill the coordinates of all points in the frame of the plane, and B (23)."""
+    xyz, plane, local, rows, root = window.xyz, window.plane, window.local, window.rows, ROOT2
     for i in range(n):
         a, b, c = xyz[0, i] - plane[MEAN], xyz[1, i] - plane[MEAN + 1], xyz[2, i] - plane[MEAN + 2]
-        x = plane[LONG] * a + plane[LONG + 1] * b + plane[LONG + 2] * c
-        y = plane[MIDDLE] * a + plane[MIDDLE + 1] * b + plane[MIDDLE + 2] * c
-        z = plane[NORMAL] * a + plane[NORMAL + 1] * b + plane[NORMAL + 2] * c
+        local[0, i] = plane[LONG] * a + plane[LONG + 1] * b + plane[LONG + 2] * c
+        local[1, i] = plane[MIDDLE] * a + plane[MIDDLE + 1] * b + plane[MIDDLE + 2] * c
+        local[2, i] = plane[NORMAL] * a + plane[NORMAL + 1] * b + plane[NORMAL + 2] * c
+    for i in range(n):
+        x, y, z = local[0, i], local[1, i], local[2, i]
         rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3] = 1.0, x, y, z
         rows[i, 4], rows[i, 5], rows[i, 6] = x * x, root * x * y, y * y
         rows[i, 7], rows[i, 8], rows[i, 9] = root * x * z, root * y * z, z * z
 
 
-@device_function
+@noalias_kernel
 def measure_gradient(window: Window, n: int) -> None:
     """Measure the slope (25)-(27) and the variance (30) of all points.
 
     Where two sheets of a quadric meet, the gradient vanishes, and with it the variance; it is held
     at a hundredth of the mean of the kept points, or those few would decide all.
     """
-    a, plane, rows, sigma2 = window.a, window.plane, window.rows, window.sigma2
+    a, plane, local, sigma2 = window.a, window.plane, window.local, window.sigma2
     root = ROOT2
-    total, count = 0.0, 0
     for i in range(n):
-        x, y, z = rows[i, 1], rows[i, 2], rows[i, 3]
+        x, y, z = local[0, i], local[1, i], local[2, i]
         u = a[1] + 2 * a[4] * x + root * (a[5] * y + a[7] * z)
         v = a[2] + 2 * a[6] * y + root * (a[5] * x + a[8] * z)
         w = a[3] + 2 * a[9] * z + root * (a[7] * x + a[8] * y)
@@ -310,22 +326,23 @@ def measure_gradient(window: Window, n: int) -> None:
         for k in range(3):
             squared += (u * plane[LONG + k] + v * plane[MIDDLE + k] + w * plane[NORMAL + k]) ** 2
         sigma2[i] = window.variance[i] * squared
-        if window.kept[i]:
-            total += sigma2[i]
-            count += 1
+    total, count = 0.0, 0
+    for i in range(n):
+        total += sigma2[i] if window.kept[i] else 0.0
+        count += window.kept[i]
     least = LEAST_VARIANCE * total / count
     for i in range(n):
         sigma2[i] = max(sigma2[i], least)
 
 
-@device_function
+@noalias_kernel
 def weigh(window: Window, n: int) -> None:
     """Give the kept points the weight 1/σ², the others none."""
     for i in range(n):
         window.weight[i] = 1 / window.sigma2[i] if window.kept[i] else 0.0
 
 
-@device_function
+@noalias_kernel
 def measure_residuals(window: Window, n: int, size: int) -> None:
     """Measure the residuals (29) of all points: B a."""
     for i in range(n):
@@ -335,21 +352,22 @@ def measure_residuals(window: Window, n: int, size: int) -> None:
         window.residual[i] = value
 
 
-@device_function
+@noalias_kernel
 def _measure_levers(window: Window, n: int, size: int) -> None:
     """Measure B Q Bᵀ of all points."""
-    rows, cofactor = window.rows, window.cofactor
+    rows, product = window.rows, window.square
     for i in range(n):
+        for k in range(WIDTH):
+            product[0, k] = 0.0
+        for k in range(size):
+            add_row(product, 0, rows[i, k], window.cofactor, k, size)
         value = 0.0
         for j in range(size):
-            part = 0.0
-            for k in range(size):
-                part += cofactor[j, k] * rows[i, k]
-            value += part * rows[i, j]
+            value += product[0, j] * rows[i, j]
         window.lever[i] = value
 
 
-@device_function
+@noalias_kernel
 def adjust(window: Window, n: int, size: int) -> bool:
     """Repeat the adjustment of the kept points from a until it stands; measure all points.
 

@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     step,
     weigh,
 )
-from lidar_outlier_filter.core.kernels.kernels import device_function, select
+from lidar_outlier_filter.core.kernels.kernels import noalias_kernel, select
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
@@ -62,7 +62,7 @@ class Growth(NamedTuple):
 NONE = FittedSurface(0, 0, 0.0)
 
 
-@device_function
+@noalias_kernel
 def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
     """Test all points: T (31) ÷ its critical value. False if there are too few to decide.
 
@@ -91,7 +91,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     return True
 
 
-@device_function
+@noalias_kernel
 def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
     """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
 
@@ -113,7 +113,7 @@ def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, 
     return squares, freedom
 
 
-@device_function
+@noalias_kernel
 def describe(window: Window, n: int, size: int) -> FittedSurface:
     """Describe the surface that was fitted last, by the points kept."""
     squares, count = 0.0, 0
@@ -125,7 +125,7 @@ def describe(window: Window, n: int, size: int) -> FittedSurface:
     return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
 
 
-@device_function
+@noalias_kernel
 def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     """Return whether three more parameters lessen a sum of squares significantly (F test)."""
     if freedom < 1:
@@ -134,7 +134,7 @@ def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     return bool((before - after) / 3 > ratio * after / freedom)
 
 
-@device_function
+@noalias_kernel
 def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """Return whether a paraboloid fits the kept points significantly better than the plane.
 
@@ -144,7 +144,9 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """
     sigma2, scratch = window.sigma2, window.scratch
     weigh(window, n)
-    count = int(np.count_nonzero(window.kept[:n]))
+    count = 0
+    for i in range(n):
+        count += window.kept[i]
     half = (count + 1) // 2
     _rank_squares(window, n, half - 1)
     before_half = _sum(scratch, half)
@@ -168,20 +170,20 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     return bent
 
 
-@device_function
+@noalias_kernel
 def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     """Fit heights over the plane by a paraboloid with the weights; measure all points.
 
     Returns the sums of squares of plane and paraboloid, NaN if it is ambiguous.
     """
-    window.a[:] = 0.0
-    window.a[HEIGHT] = 1.0
+    for k in range(QUADRIC):
+        window.a[k] = 1.0 if k == HEIGHT else 0.0
     before, after = step(window, n, SIZES[1])
     measure_residuals(window, n, SIZES[1])
     return before, after
 
 
-@device_function
+@noalias_kernel
 def _rank_squares(window: Window, n: int, rank: int) -> float:
     """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
     count = 0
@@ -192,7 +194,7 @@ def _rank_squares(window: Window, n: int, rank: int) -> float:
     return select(window.scratch, count, rank)
 
 
-@device_function
+@noalias_kernel
 def _sum(values: Floats, count: int) -> float:
     total = 0.0
     for i in range(count):
@@ -200,7 +202,7 @@ def _sum(values: Floats, count: int) -> float:
     return total
 
 
-@device_function
+@noalias_kernel
 def is_flat(window: Window, n: int) -> bool:
     """Return whether (20) approximates a quadric at three of four kept points.
 

@@ -13,6 +13,8 @@ What no surface explains is tested against all of them, and the least counts.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.fits import (
@@ -47,7 +49,10 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     measure_tests,
 )
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel, select
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
 SHARE = 0.3  # of the points that are to lie near a plane that begins a surface
@@ -68,14 +73,15 @@ def judge(window: Window, n: int, rules: Rules) -> None:
     best; NaN for all if the window is undecided: too few points, all in one place, or more than a
     third of them on no surface; of quadrics that are always fitted, all of them.
     """
-    window.score[:n] = np.nan
+    score, left_over = window.score, window.left
+    score[:n] = np.nan
     if n < MIN_POINTS:
         return
     scale = _centre(window, n)
     if not scale > 0:
         return
-    window.score[:n] = np.inf
-    window.left[:n] = True
+    score[:n] = np.inf
+    left_over[:n] = True
     floor = rules.floor / scale
     noise, freedom, left = np.inf, 0, n
     for number in range(rules.surfaces):
@@ -97,7 +103,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
         window.score[:n] = np.nan
 
 
-@device_function
+@noalias_kernel
 def _centre(window: Window, n: int) -> float:
     """Centre the coordinates at their mean and divide them by their rms radius, which is returned.
 
@@ -117,141 +123,161 @@ def _centre(window: Window, n: int) -> float:
             squares += xyz[axis, i] * xyz[axis, i]
     scale = np.sqrt(squares / n)
     if scale > 0:
-        xyz[:, :n] /= scale
+        for axis in range(3):
+            for i in range(n):
+                xyz[axis, i] /= scale
     return float(scale)
 
 
 # The beginning of a surface -----------------------------------------------------------------------
 
 
-@device_function
+@noalias_kernel
 def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> bool:
     """Choose the points a surface begins with: kept. False if there is no plane to be found.
 
     Planes are suggested by all points left, and by runs of them without the worse half of each.
     The one that has a share of the points left nearest to it is fitted again to those.
     """
+    some, which, weight = window.some, window.which, window.weight
+    m = 0
+    for i in range(n):
+        which[m] = i
+        for axis in range(3):
+            some[axis, m] = window.xyz[axis, i]
+        weight[i] = 1.0
+        window.kept[i] = window.left[i]
+        m += window.left[i]
     if rules.always:
-        window.kept[:n] = window.left[:n]
         return True
-    rank = min(left, max(MIN_POINTS, int(np.ceil(SHARE * left)))) - 1
     first = BEGIN[0]
-    window.weight[:n] = window.left[:n]
-    fit_plane(window, first, n)
-    best = _compare(window, n, rank, floor, np.inf)
-    begin, end = first, _end_of_run(window, first, n)
-    while end > 0:
-        window.weight[begin:end] = window.left[begin:end]
-        fit_plane(window, begin, end)
+    rank = min(left, max(MIN_POINTS, int(np.ceil(SHARE * left)))) - 1
+    fit_plane(window, some, first, left)
+    best = _compare(window, left, rank, floor, np.inf)
+    for begin in range(0, left - RUN // 2 + 1, RUN):
+        end = min(begin + RUN, left)
+        fit_plane(window, some, begin, end)
         _drop_worse_half(window, begin, end)
-        fit_plane(window, begin, end)
-        best = _compare(window, n, rank, floor, best)
-        begin, end = end, _end_of_run(window, end, n)
+        fit_plane(window, some, begin, end)
+        best = _compare(window, left, rank, floor, best)
     if not best < np.inf:
         return False
-    window.plane[:] = window.best
+    _copy(window.best, len(window.best), window.plane)
     for _ in range(CONCENTRATIONS):
-        reach = _near(window, n, rank)
-        for i in range(n):
-            near = window.left[i] and abs(window.residual[i]) <= reach
-            window.weight[i] = 1.0 if near else 0.0
-        fit_plane(window, first, n)
-    window.kept[:n] = window.weight[:n] > 0
+        reach = _near(window, left, rank)
+        for i in range(left):
+            weight[i] = 1.0 if abs(window.residual[i]) <= reach else 0.0
+        fit_plane(window, some, first, left)
+    for i in range(n):
+        window.kept[i] = False
+    for i in range(left):
+        window.kept[which[i]] = weight[i] > 0
     return True
 
 
-@device_function
-def _end_of_run(window: Window, begin: int, n: int) -> int:
-    """Return where a run of points left ends; -1 if there is not even half a run."""
-    count, end = 0, begin
-    while end < n and count < RUN:
-        count += window.left[end]
-        end += 1
-    return end if 2 * count >= RUN else -1
-
-
-@device_function
-def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> float:
+@noalias_kernel
+def _compare(window: Window, left: int, rank: int, floor: float, best: float) -> float:
     """Remember the plane if the point of that rank is nearer than the best; return the better."""
     if not is_plane(window, floor):
         return best
-    near = max(_near(window, n, rank), BLUNT * floor)
+    measure_heights(window.plane, window.some, BEGIN[0], left, window.residual)
+    nearer = 0
+    for i in range(left):
+        nearer += abs(window.residual[i]) < best
+    if nearer <= rank:
+        return best
+    near = max(_near(window, left, rank), BLUNT * floor)
     if near < best:
-        window.best[:] = window.plane
+        _copy(window.plane, len(window.plane), window.best)
         return near
     return best
 
 
-@device_function
-def _near(window: Window, n: int, rank: int) -> float:
-    """Measure all points from the plane; return the distance of that rank among those left."""
-    measure_heights(window, BEGIN[0], n)
-    count = 0
-    for i in range(n):
-        if window.left[i]:
-            window.scratch[count] = abs(window.residual[i])
-            count += 1
-    return select(window.scratch, count, rank)
+@noalias_kernel
+def _near(window: Window, left: int, rank: int) -> float:
+    """Measure the points left from the plane; return the distance of that rank."""
+    measure_heights(window.plane, window.some, BEGIN[0], left, window.residual)
+    for i in range(left):
+        window.scratch[i] = abs(window.residual[i])
+    return select(window.scratch, left, rank)
 
 
-@device_function
+@noalias_kernel
 def _drop_worse_half(window: Window, begin: int, end: int) -> None:
     """Take the weight from the points of a run that are farther from the plane than its median."""
-    measure_heights(window, begin, end)
-    count = 0
+    measure_heights(window.plane, window.some, begin, end, window.residual)
     for i in range(begin, end):
-        if window.weight[i] > 0:
-            window.scratch[count] = abs(window.residual[i])
-            count += 1
-    reach = select(window.scratch, count, count // 2)
+        window.scratch[i] = abs(window.residual[i])
     for i in range(begin, end):
-        if abs(window.residual[i]) > reach:
-            window.weight[i] = 0.0
+        nearer = 0
+        for j in range(begin, end):
+            nearer += window.scratch[j] < window.scratch[i]
+        window.weight[i] = 1.0 if nearer <= (end - begin) // 2 else 0.0
+
+
+@noalias_kernel
+def _copy(values: Floats | Bools, count: int, target: Floats | Bools) -> None:
+    for i in range(count):
+        target[i] = values[i]
 
 
 # Its growth ---------------------------------------------------------------------------------------
 
 
-@device_function
+@noalias_kernel
 def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if rules.always:
-        window.weight[:n] = window.kept[:n]
-        fit_plane(window, BEGIN[0], n)
+        _copy(window.kept, n, window.weight)
+        fit_plane(window, window.xyz, BEGIN[0], n)
         fill_rows(window, n)
         return _grow_quadric(window, n, rules, growth)
     plane = _settle(window, n, SIZES[0], rules, growth)
     if plane.size == 0 or plane.deviation <= growth.floor:
         return plane
-    kept, test = window.kept[:n].copy(), window.test[:n].copy()
+    _save(window, n, 0)
     fill_rows(window, n)
     if is_bent(window, n, rules):
         paraboloid = _settle(window, n, SIZES[1], rules, growth)
         if paraboloid.size > 0:
             return _rise(window, n, paraboloid, rules, growth)
-    window.kept[:n], window.test[:n] = kept, test
+    _restore(window, n, 0)
     return plane
 
 
-@device_function
+@noalias_kernel
+def _save(window: Window, n: int, model: int) -> None:
+    """Save the kept points and the test of a model."""
+    for i in range(n):
+        window.saved_kept[model, i], window.saved_test[model, i] = window.kept[i], window.test[i]
+
+
+@noalias_kernel
+def _restore(window: Window, n: int, model: int) -> None:
+    """Return to a model that was saved."""
+    for i in range(n):
+        window.kept[i], window.test[i] = window.saved_kept[model, i], window.saved_test[model, i]
+
+
+@noalias_kernel
 def _rise(
     window: Window, n: int, paraboloid: FittedSurface, rules: Rules, growth: Growth
 ) -> FittedSurface:
     """Raise a paraboloid to a quadric if that pays and is not ambiguous."""
     if paraboloid.deviation <= growth.floor:
         return paraboloid
-    kept, test = window.kept[:n].copy(), window.test[:n].copy()
+    _save(window, n, 1)
     weigh(window, n)
     before, after = step(window, n, SIZES[2])
     if is_better(before, after, paraboloid.support - (QUADRIC - 1), rules):
         quadric = _grow_quadric(window, n, rules, growth)
         if quadric.size > 0:
             return quadric
-    window.kept[:n], window.test[:n] = kept, test
+    _restore(window, n, 1)
     return paraboloid
 
 
-@device_function
+@noalias_kernel
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous.
 
@@ -264,7 +290,7 @@ def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Fitte
     return NONE
 
 
-@device_function
+@noalias_kernel
 def _start_algebraic(window: Window, n: int) -> float:
     """Set a to the eigenvector of the least eigenvalue of Σ Bᵀ B over the kept points.
 
@@ -272,23 +298,27 @@ def _start_algebraic(window: Window, n: int) -> float:
     from the points. Distances are those of the first order, residual ÷ slope, because eigenvalues
     of (19) alone take any quadric for good that is flat everywhere.
     """
-    window.weight[:n] = window.kept[:n]
+    _copy(window.kept, n, window.weight)
     sum_normal(window, n, SIZES[2])
     square, vectors = window.square, window.vectors
-    square[:] = window.normal
+    for i in range(QUADRIC):
+        for j in range(QUADRIC):
+            square[i, j] = window.normal[i, j]
     eigen(square, vectors, QUADRIC)
     least = find_least(square, QUADRIC)
     second = 1 if least == 0 else 0
     for k in range(QUADRIC):
         if k != least and square[k, k] < square[second, second]:
             second = k
-    window.a[:] = vectors[:QUADRIC, second]
+    for k in range(QUADRIC):
+        window.a[k] = vectors[k, second]
     far = _mean_square_distance(window, n)
-    window.a[:] = vectors[:QUADRIC, least]
+    for k in range(QUADRIC):
+        window.a[k] = vectors[k, least]
     return far / _mean_square_distance(window, n)
 
 
-@device_function
+@noalias_kernel
 def _mean_square_distance(window: Window, n: int) -> float:
     """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
     measure_gradient(window, n)
@@ -301,15 +331,15 @@ def _mean_square_distance(window: Window, n: int) -> float:
     return residuals / slopes
 
 
-@device_function
+@noalias_kernel
 def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow one more surface: freely, or if it runs over what lies beside it, held tight.
 
     It is none if it explains too little, or is not as exact as the first: a volume, that is.
     """
-    start = window.kept[:n].copy()
+    _copy(window.kept, n, window.start)
     for held in (Growth(growth.floor, np.inf, 0), growth):
-        window.kept[:n] = start
+        _copy(window.start, n, window.kept)
         surface = _grow(window, n, rules, held)
         enough = surface.size > 0 and surface.support >= PART * left
         if enough and surface.deviation <= LIKE * growth.noise:
@@ -317,7 +347,7 @@ def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growt
     return NONE
 
 
-@device_function
+@noalias_kernel
 def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Fit and test until no point leaves or comes back; none if the model cannot be had."""
     kept, following = window.kept, window.next
@@ -337,5 +367,5 @@ def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> 
         if count < max(MIN_POINTS, size + 1):
             return NONE
         if number < PASSES - 1:
-            kept[:n] = following[:n]
+            _copy(following, n, kept)
     return describe(window, n, size)
