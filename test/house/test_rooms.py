@@ -44,7 +44,7 @@ OUTSIDE = {
     'errors': (),
     'parameters': ('numpy', 'yaml'),
     'disk': ('numpy',),
-    'core': ('filterpy', 'llvmlite', 'numba', 'numpy', 'scipy'),
+    'core': ('filterpy', 'numba', 'numpy', 'scipy'),
     'messages': ('numpy',),
     'pipeline': ('numpy',),
     'recordings': ('mcap', 'numpy', 'rosbags', 'yaml'),

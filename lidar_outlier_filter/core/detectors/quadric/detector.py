@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import fdtri, stdtrit
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric
-from lidar_outlier_filter.core.detectors.quadric.fits import Window, empty_window
+from lidar_outlier_filter.core.detectors.quadric.planes import Window, empty_window
 from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, Rules
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores

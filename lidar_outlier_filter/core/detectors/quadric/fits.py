@@ -10,80 +10,29 @@ is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
-from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
+from lidar_outlier_filter.core.detectors.quadric.planes import LONG, MEAN, MIDDLE, NORMAL, QUADRIC
+from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row, rotate_rows
+from lidar_outlier_filter.core.kernels.eigen import NEGLIGIBLE, SWEEPS
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_filter.core.detectors.quadric.planes import Window
 
-PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes away
+PLANE, PARABOLOID = 4, 7  # parameters, one of which the norm takes away
 # Numba takes elements of a tuple of constants as constants, and compiles what they are given to for
 # each of them. That is a fifth of the time to compile, and saves a tenth of the time to run.
 SIZES = (PLANE, PARABOLOID, QUADRIC)
-BEGIN = (0,)
 ROOT2 = 2**0.5
 LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 HEIGHT = 3  # the column of z
-NORMAL, MIDDLE, LONG, MEAN, MOMENTS, WEIGHT = 0, 3, 6, 9, 12, 15  # parts of Window.plane
 SINGULAR = 1e-12  # a pivot below this part of the matrix: the parameters are ambiguous
 ADJUSTMENTS = 10
 CONVERGED = 1e-6  # largest change of a parameter
-
-
-class Window(NamedTuple):
-    """A window of up to M points, and room to work on it; only its first n points count."""
-
-    xyz: Floats  # (3, M)
-    variance: Floats  # (M,) of any coordinate of each point; only their ratios count
-    rows: Floats  # (M, 12) B (23) in the frame of the plane, and two zeros
-    saved_test: Floats  # (2, M) test of the plane, and of the paraboloid
-    saved_kept: Bools  # (2, M) kept of the plane, and of the paraboloid
-    which: Ints  # (M,)
-    local: Floats  # (3, M) coordinates in the frame of the plane
-    some: Floats  # (3, M) the points on no surface so far
-    residual: Floats  # (M,) v (29)
-    sigma2: Floats  # (M,) σ² (30)
-    slope: Floats  # (M,) the length of the gradient (25)-(27)
-    lever: Floats  # (M,) B Q Bᵀ
-    weight: Floats  # (M,) in the next fit
-    test: Floats  # (M,) T ÷ its critical value under the last surface
-    score: Floats  # (M,) the least of all surfaces
-    scratch: Floats  # (M,)
-    left: Bools  # (M,) on no surface so far
-    kept: Bools  # (M,) in the fit
-    next: Bools  # (M,) in the next one
-    start: Bools  # (M,) in the first fit of a surface
-    a: Floats  # (10,) parameters
-    step: Floats  # (10,) what (29) is to change of them
-    plane: Floats  # (16,) normal, axes of the middle and the largest moment, mean, moments, weight
-    best: Floats  # (16,) the best one to begin with
-    normal: Floats  # (12, 12) Bᵀ P B
-    cofactor: Floats  # (12, 12) Q of the parameters
-    square: Floats  # (12, 12)
-    vectors: Floats  # (12, 12)
-
-
-def empty_window(room: int) -> Window:
-    """Allocate for windows of up to ``room`` points."""
-    return Window(
-        np.zeros((3, room)),
-        np.ones(room),
-        np.zeros((room, WIDTH)),
-        np.zeros((2, room)),
-        np.zeros((2, room), np.bool_),
-        np.zeros(room, np.int64),
-        *np.zeros((2, 3, room)),
-        *np.zeros((8, room)),
-        *np.zeros((4, room), np.bool_),
-        *np.zeros((2, QUADRIC)),
-        *np.zeros((2, 16)),
-        *np.zeros((4, WIDTH, WIDTH)),
-    )
 
 
 @noalias_kernel
@@ -141,16 +90,20 @@ def _eliminate(square: Floats, inverse: Floats, size: int, least: float) -> bool
     """
     bordered = size + 1
     for i in range(bordered):
-        pivot = i
+        pivot, most = i, abs(square[i, i])
         for j in range(i + 1, bordered):
-            if abs(square[j, i]) > abs(square[pivot, i]):
-                pivot = j
-        if not abs(square[pivot, i]) > least:
+            if abs(square[j, i]) > most:
+                pivot, most = j, abs(square[j, i])
+        if not most > least:
             return False
-        factor = 1 / square[pivot, i]
+        if pivot != i:
+            for k in range(WIDTH):
+                square[i, k], square[pivot, k] = square[pivot, k], square[i, k]
+                inverse[i, k], inverse[pivot, k] = inverse[pivot, k], inverse[i, k]
+        factor = 1 / square[i, i]
         for k in range(WIDTH):
-            square[pivot, k], square[i, k] = square[i, k], square[pivot, k] * factor
-            inverse[pivot, k], inverse[i, k] = inverse[i, k], inverse[pivot, k] * factor
+            square[i, k] *= factor
+            inverse[i, k] *= factor
         for j in range(bordered):
             if j != i:
                 factor = -square[j, i]
@@ -203,95 +156,6 @@ def normalize(window: Window, size: int) -> None:
 
 
 @noalias_kernel
-def fit_plane(window: Window, xyz: Floats, begin: int, end: int) -> None:
-    """Fit the plane through points begin to end by their weights, at least one of them not 0.
-
-    The normal is the axis of the least moment: the exact solution of (29) for four parameters.
-    """
-    weight = window.weight
-    total = x = y = z = xx = xy = xz = yy = yz = zz = 0.0
-    for i in range(begin, end):
-        p = weight[i]
-        a, b, c = xyz[0, i], xyz[1, i], xyz[2, i]
-        total += p
-        x += p * a
-        y += p * b
-        z += p * c
-        xx += p * a * a
-        xy += p * a * b
-        xz += p * a * c
-        yy += p * b * b
-        yz += p * b * c
-        zz += p * c * c
-    x, y, z = x / total, y / total, z / total
-    square = window.square
-    square[0, 0] = xx - total * x * x
-    square[1, 1] = yy - total * y * y
-    square[2, 2] = zz - total * z * z
-    square[0, 1] = square[1, 0] = xy - total * x * y
-    square[0, 2] = square[2, 0] = xz - total * x * z
-    square[1, 2] = square[2, 1] = yz - total * y * z
-    eigen(square, window.vectors, 3)
-    plane = window.plane
-    plane[MEAN], plane[MEAN + 1], plane[MEAN + 2], plane[WEIGHT] = x, y, z, total
-    least = find_least(square, 3)
-    middle, largest = (least + 1) % 3, (least + 2) % 3
-    if square[middle, middle] > square[largest, largest]:
-        middle, largest = largest, middle
-    for place, k in enumerate((least, middle, largest)):
-        plane[MOMENTS + place] = max(square[k, k], 0.0)
-        for axis in range(3):
-            plane[3 * place + axis] = window.vectors[axis, k]
-
-
-@noalias_kernel
-def is_plane(window: Window, floor: float) -> bool:
-    """Return a plane from a line: it is wider than the least standard deviation."""
-    return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
-
-
-@noalias_kernel
-def adjust_plane(window: Window, n: int, floor: float) -> bool:
-    """Fit the plane to the kept points; measure all points. False if they lie on a line."""
-    for i in range(n):
-        window.weight[i] = 1 / window.variance[i] if window.kept[i] else 0.0
-    fit_plane(window, window.xyz, BEGIN[0], n)
-    if not is_plane(window, floor):
-        return False
-    measure_plane(window, n)
-    return True
-
-
-@noalias_kernel
-def measure_heights(plane: Floats, xyz: Floats, begin: int, end: int, heights: Floats) -> None:
-    """Measure the residuals (29) of points begin to end from a plane: heights over it."""
-    x, y, z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
-    zero = x * plane[MEAN] + y * plane[MEAN + 1] + z * plane[MEAN + 2]
-    for i in range(begin, end):
-        heights[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
-
-
-@noalias_kernel
-def measure_plane(window: Window, n: int) -> None:
-    """Measure all points against the plane: residual, variance, slope and lever.
-
-    Height and tilts of the plane are uncorrelated in its own axes: Q is diagonal.
-    """
-    measure_heights(window.plane, window.xyz, BEGIN[0], n, window.residual)
-    xyz, plane = window.xyz, window.plane
-    level = 1 / plane[WEIGHT]
-    squared = plane[NORMAL] ** 2 + plane[NORMAL + 1] ** 2 + plane[NORMAL + 2] ** 2  # 1, rounded
-    tilt_middle, tilt_long = 1 / plane[MOMENTS + 1], 1 / plane[MOMENTS + 2]
-    for i in range(n):
-        x, y, z = xyz[0, i] - plane[MEAN], xyz[1, i] - plane[MEAN + 1], xyz[2, i] - plane[MEAN + 2]
-        u = plane[MIDDLE] * x + plane[MIDDLE + 1] * y + plane[MIDDLE + 2] * z
-        v = plane[LONG] * x + plane[LONG + 1] * y + plane[LONG + 2] * z
-        window.lever[i] = level + u * u * tilt_middle + v * v * tilt_long
-        window.sigma2[i] = window.variance[i] * squared
-        window.slope[i] = 1.0
-
-
-@noalias_kernel
 def fill_rows(window: Window, n: int) -> None:
     """Fill the coordinates of all points in the frame of the plane, and B (23)."""
     xyz, plane, local, rows, root = window.xyz, window.plane, window.local, window.rows, ROOT2
@@ -309,7 +173,7 @@ def fill_rows(window: Window, n: int) -> None:
 
 @noalias_kernel
 def measure_gradient(window: Window, n: int) -> None:
-    """Measure the slope (25)-(27) and the variance (30) of all points.
+    """Measure the gradient (25)-(27) of all points: its square, and the variance (30).
 
     Where two sheets of a quadric meet, the gradient vanishes, and with it the variance; it is held
     at a hundredth of the mean of the kept points, or those few would decide all.
@@ -321,7 +185,7 @@ def measure_gradient(window: Window, n: int) -> None:
         u = a[1] + 2 * a[4] * x + root * (a[5] * y + a[7] * z)
         v = a[2] + 2 * a[6] * y + root * (a[5] * x + a[8] * z)
         w = a[3] + 2 * a[9] * z + root * (a[7] * x + a[8] * y)
-        window.slope[i] = np.sqrt(u * u + v * v + w * w)
+        window.slope[i] = u * u + v * v + w * w
         squared = 0.0  # A Aᵀ (30), with A in the frame of the cloud
         for k in range(3):
             squared += (u * plane[LONG + k] + v * plane[MIDDLE + k] + w * plane[NORMAL + k]) ** 2
@@ -340,6 +204,15 @@ def weigh(window: Window, n: int) -> None:
     """Give the kept points the weight 1/σ², the others none."""
     for i in range(n):
         window.weight[i] = 1 / window.sigma2[i] if window.kept[i] else 0.0
+
+
+@noalias_kernel
+def measure_distances(window: Window, n: int, size: int) -> None:
+    """Measure residual, variance and slope of all points under the surface a."""
+    measure_gradient(window, n)
+    for i in range(n):
+        window.slope[i] = np.sqrt(window.slope[i])
+    measure_residuals(window, n, size)
 
 
 @noalias_kernel
@@ -385,7 +258,47 @@ def adjust(window: Window, n: int, size: int) -> bool:
             largest = max(largest, abs(window.step[i]))
         if largest < CONVERGED:
             break
-    measure_gradient(window, n)
-    measure_residuals(window, n, size)
+    measure_distances(window, n, size)
     _measure_levers(window, n, size)
     return True
+
+
+@noalias_kernel
+def find_quadrics(square: Floats, vectors: Floats) -> None:
+    """Turn a symmetric matrix into its eigenvalues, on its diagonal; vectors are the rows.
+
+    Jacobi's rotations of :func:`.eigen`, for ten parameters.
+    """
+    for i in range(QUADRIC):
+        for j in range(WIDTH):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(SWEEPS):
+        beside, diagonal = 0.0, 0.0
+        for i in range(QUADRIC):
+            diagonal += square[i, i] * square[i, i]
+            for j in range(i):
+                beside += square[i, j] * square[i, j]
+        if not beside > NEGLIGIBLE * diagonal:
+            return
+        for i in range(QUADRIC - 1):
+            for j in range(i + 1, QUADRIC):
+                if square[i, j] != 0:
+                    _rotate(square, vectors, i, j)
+
+
+@noalias_kernel
+def _rotate(square: Floats, vectors: Floats, i: int, j: int) -> None:
+    """Turn axes i and j such that their product vanishes."""
+    low, high, beside = square[i, i], square[j, j], square[i, j]
+    ratio = (high - low) / (2 * beside)
+    tangent = 1 / (abs(ratio) + np.sqrt(ratio * ratio + 1))
+    if ratio < 0:
+        tangent = -tangent
+    cosine = 1 / np.sqrt(tangent * tangent + 1)
+    sine = tangent * cosine
+    rotate_rows(square, i, j, cosine, sine)
+    rotate_rows(vectors, i, j, cosine, sine)
+    square[i, i], square[j, j] = low - tangent * beside, high + tangent * beside
+    square[i, j] = square[j, i] = 0.0
+    for k in range(QUADRIC):
+        square[k, i], square[k, j] = square[i, k], square[j, k]

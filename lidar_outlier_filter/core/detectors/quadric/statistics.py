@@ -12,14 +12,13 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     HEIGHT,
     PARABOLOID,
     PLANE,
-    QUADRIC,
     SIZES,
-    Window,
     measure_residuals,
     normalize,
     step,
     weigh,
 )
+from lidar_outlier_filter.core.detectors.quadric.planes import QUADRIC, Window
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel, select
 
 if TYPE_CHECKING:
@@ -81,9 +80,8 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     for i in range(n):
         kept, square = window.kept[i], window.residual[i] ** 2
         cofactor = window.sigma2[i] + (-window.lever[i] if kept else window.lever[i])
-        variance = squares / freedom * cofactor
-        if kept and apart:
-            variance = max(squares * cofactor - square, 0.0) / (freedom - 1)
+        without = max(squares * cofactor - square, 0.0) / (freedom - 1)
+        variance = without if kept and apart else squares / freedom * cofactor
         least = growth.floor * window.slope[i]
         variance = max(variance, least * least)
         statistic = np.sqrt(square / variance) if square > 0 else 0.0

@@ -18,23 +18,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.fits import (
-    BEGIN,
     PLANE,
-    QUADRIC,
     SIZES,
-    Window,
     adjust,
-    adjust_plane,
     fill_rows,
-    fit_plane,
-    is_plane,
-    measure_gradient,
-    measure_heights,
-    measure_residuals,
+    find_quadrics,
+    measure_distances,
     step,
     sum_normal,
     weigh,
 )
+from lidar_outlier_filter.core.detectors.quadric.planes import (
+    LANES,
+    QUADRIC,
+    Window,
+    adjust_plane,
+    find_axes,
+    fit_plane,
+    is_plane,
+    measure_heights,
+    sum_moments,
+    take_plane,
+)
+from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH
 from lidar_outlier_filter.core.detectors.quadric.statistics import (
     CONCENTRATIONS,
     MIN_POINTS,
@@ -48,7 +54,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
-from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
+from lidar_outlier_filter.core.kernels.eigen import find_least
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel, select
 
 if TYPE_CHECKING:
@@ -150,16 +156,11 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
         m += window.left[i]
     if rules.always:
         return True
-    first = BEGIN[0]
     rank = min(left, max(MIN_POINTS, int(np.ceil(SHARE * left)))) - 1
-    fit_plane(window, some, first, left)
+    fit_plane(window, some, left)
     best = _compare(window, left, rank, floor, np.inf)
-    for begin in range(0, left - RUN // 2 + 1, RUN):
-        end = min(begin + RUN, left)
-        fit_plane(window, some, begin, end)
-        _drop_worse_half(window, begin, end)
-        fit_plane(window, some, begin, end)
-        best = _compare(window, left, rank, floor, best)
+    for run in range(0, left - RUN // 2 + 1, RUN * LANES):
+        best = _compare_runs(window, run, left, rank, floor, best)
     if not best < np.inf:
         return False
     _copy(window.best, len(window.best), window.plane)
@@ -167,7 +168,7 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
         reach = _near(window, left, rank)
         for i in range(left):
             weight[i] = 1.0 if abs(window.residual[i]) <= reach else 0.0
-        fit_plane(window, some, first, left)
+        fit_plane(window, some, left)
     for i in range(n):
         window.kept[i] = False
     for i in range(left):
@@ -176,11 +177,32 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
 
 
 @noalias_kernel
+def _compare_runs(
+    window: Window, first: int, left: int, rank: int, floor: float, best: float
+) -> float:
+    """Compare the planes of some runs, the first of which begins there; return the best."""
+    ends = min(first + RUN * LANES, left)
+    for number in range(2):
+        for begin in range(first, ends - RUN // 2 + 1, RUN):
+            lane, end = (begin - first) // RUN, min(begin + RUN, ends)
+            if number > 0:
+                take_plane(window, lane)
+                _drop_worse_half(window, begin, end)
+            sum_moments(window, window.some, begin, end, lane)
+        # Lanes without a run hold earlier planes.
+        find_axes(window.lanes, LANES)
+    for begin in range(first, ends - RUN // 2 + 1, RUN):
+        take_plane(window, (begin - first) // RUN)
+        best = _compare(window, left, rank, floor, best)
+    return best
+
+
+@noalias_kernel
 def _compare(window: Window, left: int, rank: int, floor: float, best: float) -> float:
     """Remember the plane if the point of that rank is nearer than the best; return the better."""
     if not is_plane(window, floor):
         return best
-    measure_heights(window.plane, window.some, BEGIN[0], left, window.residual)
+    measure_heights(window.plane, window.some, 0, left, window.residual)
     nearer = 0
     for i in range(left):
         nearer += abs(window.residual[i]) < best
@@ -196,7 +218,7 @@ def _compare(window: Window, left: int, rank: int, floor: float, best: float) ->
 @noalias_kernel
 def _near(window: Window, left: int, rank: int) -> float:
     """Measure the points left from the plane; return the distance of that rank."""
-    measure_heights(window.plane, window.some, BEGIN[0], left, window.residual)
+    measure_heights(window.plane, window.some, 0, left, window.residual)
     for i in range(left):
         window.scratch[i] = abs(window.residual[i])
     return select(window.scratch, left, rank)
@@ -229,7 +251,7 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if rules.always:
         _copy(window.kept, n, window.weight)
-        fit_plane(window, window.xyz, BEGIN[0], n)
+        fit_plane(window, window.xyz, n)
         fill_rows(window, n)
         return _grow_quadric(window, n, rules, growth)
     plane = _settle(window, n, SIZES[0], rules, growth)
@@ -300,29 +322,26 @@ def _start_algebraic(window: Window, n: int) -> float:
     """
     _copy(window.kept, n, window.weight)
     sum_normal(window, n, SIZES[2])
-    square, vectors = window.square, window.vectors
+    square, vectors, a = window.square, window.vectors, window.a
     for i in range(QUADRIC):
-        for j in range(QUADRIC):
+        for j in range(WIDTH):
             square[i, j] = window.normal[i, j]
-    eigen(square, vectors, QUADRIC)
+    find_quadrics(square, vectors)
     least = find_least(square, QUADRIC)
     second = 1 if least == 0 else 0
     for k in range(QUADRIC):
         if k != least and square[k, k] < square[second, second]:
             second = k
-    for k in range(QUADRIC):
-        window.a[k] = vectors[k, second]
+    _copy(vectors[second], QUADRIC, a)
     far = _mean_square_distance(window, n)
-    for k in range(QUADRIC):
-        window.a[k] = vectors[k, least]
+    _copy(vectors[least], QUADRIC, a)
     return far / _mean_square_distance(window, n)
 
 
 @noalias_kernel
 def _mean_square_distance(window: Window, n: int) -> float:
     """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
-    measure_gradient(window, n)
-    measure_residuals(window, n, SIZES[2])
+    measure_distances(window, n, SIZES[2])
     residuals = slopes = 0.0
     for i in range(n):
         if window.kept[i]:
