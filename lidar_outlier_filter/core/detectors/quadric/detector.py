@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
+from lidar_outlier_filter.core.neighbours.tree_steps import gap, height, leaves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 SECTIONS = 64  # that a thread judges at once
 PATCHES = 1024
+LEAVES = 512
 MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
 ENOUGH = 1.5  # times the points of the core: what a window has at least
 SMALLEST = 2.0**-20  # of the largest extent of the cloud: the margin around a single place
@@ -98,16 +99,34 @@ def detect(
     score = np.full(len(neighbourhood), np.nan)
     if len(neighbourhood) < MIN_POINTS:
         return score
-    place = sort_leaves(neighbourhood.xyz, neighbourhood.tree)
-    xyz, order = neighbourhood.xyz[place], neighbourhood.order[place]
+    place = _places(neighbourhood)
+    xyz = np.take(neighbourhood.xyz, place, axis=0)
+    order = neighbourhood.order[place]
     weights = np.ones(len(score)) if variance is None else variance[order]
     if parameters.window == 'patch':
         _patches(neighbourhood, place, parameters, xyz, weights, score)
     else:
         _sections(neighbourhood, parameters, xyz, weights, score)
+    share_scores(xyz, score)
     result = np.empty_like(score)
-    result[order] = share_scores(xyz, score)
+    result[order] = score
     return result
+
+
+def _places(neighbourhood: Neighbourhood) -> Ints:
+    """Sort the points of every leaf by x, y and z: tree positions, in the new order.
+
+    Tree order within a leaf is that in which the points were given, which must not matter.
+    """
+    tree, place = neighbourhood.tree, np.arange(len(neighbourhood))
+    these = leaves(tree)
+    threads.run(
+        lambda begin, end: sort_leaves(neighbourhood.xyz, tree, these[begin:end], place),
+        len(these),
+        LEAVES,
+        neighbourhood.threads,
+    )
+    return place
 
 
 def _sections(
@@ -172,15 +191,9 @@ def tables(significance: float) -> tuple[Floats, Floats]:
 
 
 @kernel
-def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
-    """Sort the points of every leaf by x, y and z: tree positions, in the new order.
-
-    Tree order within a leaf is that in which the points were given, which must not matter.
-    """
-    place = np.arange(len(xyz))
-    for node in range(len(tree.child)):
-        if tree.child[node] >= 0:
-            continue
+def sort_leaves(xyz: Floats, tree: Tree, these: Ints, place: Ints) -> None:
+    """Sort the places of the points of some leaves."""
+    for node in these:
         for i in range(tree.first[node] + 1, tree.last[node]):
             one = place[i]
             j = i
@@ -188,7 +201,6 @@ def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
                 place[j] = place[j - 1]
                 j -= 1
             place[j] = one
-    return place
 
 
 @device_function
@@ -199,18 +211,20 @@ def _is_before(xyz: Floats, one: int, other: int) -> bool:
     return False
 
 
-def share_scores(xyz: Floats, score: Floats) -> Floats:
+@kernel
+def share_scores(xyz: Floats, score: Floats) -> None:
     """Give coincident points, which follow each other, the least of their scores.
 
     Each may be in the fit or not, whichever was given first.
     """
-    x, y, z = xyz.T
-    first = np.ones(len(xyz), np.bool_)
-    first[1:] = (x[1:] != x[:-1]) | (y[1:] != y[:-1]) | (z[1:] != z[:-1])
-    if first.all():
-        return score
-    begin = np.flatnonzero(first)
-    return np.repeat(np.fmin.reduceat(score, begin), np.diff(begin, append=len(xyz)))
+    begin = 0
+    for i in range(1, len(score) + 1):
+        if i == len(score) or _is_before(xyz, i - 1, i) or _is_before(xyz, i, i - 1):
+            least = score[begin]
+            for j in range(begin + 1, i):
+                least = np.fmin(least, score[j])
+            score[begin:i] = least
+            begin = i
 
 
 @kernel

@@ -95,15 +95,18 @@ def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, 
 
     If the first surface holds this one, the ratio is not less than that one's, nor much more.
     """
-    squares = unit = 0.0
-    count = 0
+    parts = window.scratch
     for i in range(n):
-        if window.kept[i]:
-            squares += window.residual[i] ** 2 / window.sigma2[i]
-            unit += window.slope[i] ** 2 / window.sigma2[i]
-            count += 1
+        parts[i] = window.residual[i] ** 2 / window.sigma2[i] if window.kept[i] else 0.0
+    squares, count = 0.0, 0
+    for i in range(n):
+        squares += parts[i]
+        count += window.kept[i]
     freedom = count - (size - 1)
     if growth.freedom > 0 and freedom > 0:
+        unit = 0.0
+        for i in range(n):
+            unit += window.slope[i] ** 2 / window.sigma2[i] if window.kept[i] else 0.0
         least = freedom * growth.noise**2 * unit / count
         squares = min(max(squares, least), TIGHT**2 * least)
         squares *= (freedom + growth.freedom) / freedom
@@ -116,10 +119,9 @@ def describe(window: Window, n: int, size: int) -> FittedSurface:
     """Describe the surface that was fitted last, by the points kept."""
     squares, count = 0.0, 0
     for i in range(n):
-        if window.kept[i]:
-            count += 1
-            if window.slope[i] > 0:
-                squares += (window.residual[i] / window.slope[i]) ** 2
+        measured = window.kept[i] & (window.slope[i] > 0)
+        squares += (window.residual[i] / window.slope[i]) ** 2 if measured else 0.0
+        count += window.kept[i]
     return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
 
 
@@ -153,8 +155,8 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     for _ in range(CONCENTRATIONS):
         reach = _rank_squares(window, n, half - 1)
         for i in range(n):
-            far = window.residual[i] ** 2 / sigma2[i] > reach
-            window.weight[i] = 1 / sigma2[i] if window.kept[i] and not far else 0.0
+            near = window.residual[i] ** 2 / sigma2[i] <= reach
+            window.weight[i] = 1 / sigma2[i] if window.kept[i] & near else 0.0
         if np.isnan(_step_from_plane(window, n)[0]):
             return False
     reach = _rank_squares(window, n, half - 1)
@@ -163,7 +165,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     if bent:
         for i in range(n):
             near = window.residual[i] ** 2 / sigma2[i] <= reach
-            window.kept[i] = window.kept[i] and near
+            window.kept[i] = window.kept[i] & near
     normalize(window, SIZES[1])
     return bent
 
@@ -186,9 +188,8 @@ def _rank_squares(window: Window, n: int, rank: int) -> float:
     """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
     count = 0
     for i in range(n):
-        if window.kept[i]:
-            window.scratch[count] = window.residual[i] ** 2 / window.sigma2[i]
-            count += 1
+        window.scratch[count] = window.residual[i] ** 2 / window.sigma2[i]
+        count += window.kept[i]
     return select(window.scratch, count, rank)
 
 

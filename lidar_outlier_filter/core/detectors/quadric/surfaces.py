@@ -377,10 +377,10 @@ def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> 
         count, changed = 0, False
         for i in range(n):
             # Two points may drive each other out in turn, without end.
-            welcome = window.left[i] and (kept[i] or 2 * number < PASSES)
-            following[i] = welcome and window.test[i] <= 1
+            welcome = window.left[i] & (kept[i] | (2 * number < PASSES))
+            following[i] = welcome & (window.test[i] <= 1)
             count += following[i]
-            changed = changed or following[i] != kept[i]
+            changed |= following[i] != kept[i]
         if not changed:
             break
         if count < max(MIN_POINTS, size + 1):
