@@ -169,8 +169,7 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
     stacked = np.flatnonzero(square == 0)
     if len(stacked) == 0:
         return stacked, stacked
-    xyz, order = neighbourhood.xyz, neighbourhood.order
-    position = np.argsort(order)
+    xyz, order, position = neighbourhood.xyz, neighbourhood.order, _positions(neighbourhood)
     places = find_places(xyz[position])
     first, place = position[places.first], places.of[order[stacked]]
     most = min(k, len(first) - 1)
@@ -180,6 +179,13 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
         distinct[alone.order] = squared_k_distances(alone, most)
         square[stacked] = distinct[place]
     return stacked, first[place]
+
+
+def _positions(neighbourhood: Neighbourhood) -> Ints:
+    """Return where in tree order each point is."""
+    position = np.empty(len(neighbourhood), np.int64)
+    position[neighbourhood.order] = np.arange(len(position))
+    return position
 
 
 def _near(
@@ -206,8 +212,7 @@ def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.
     Sums do not depend on the tree then, which is another one where other points, far off, are
     missing: where a cloud is judged in tiles, or an earlier detector rejected them.
     """
-    order = neighbourhood.order
-    position = np.argsort(order)
+    order, position = neighbourhood.order, _positions(neighbourhood)
     threads.run(
         lambda begin, end: _sort_rows(begin, end, first, order, position, more),
         len(first) - 1,

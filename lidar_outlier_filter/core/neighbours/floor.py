@@ -130,26 +130,13 @@ def _write_floor(
         first, left = ((wide[n] >> ROW) - 1) * WIDER, ((wide[n] & WITHIN) - 1) * WIDER
         count = 0
         for row in range(max(first, 0), first + WINDOW):
-            at = _search(column, row << ROW | max(left, 0))
+            at = np.searchsorted(column, row << ROW | max(left, 0))
             while at < len(column) and column[at] < (row << ROW | (left + WINDOW)):
                 lows[count] = lowest[at]
                 count += 1
                 at += 1
         low = select(lows, count, (count - 1) // 4)
         floor[n, 0], floor[n, 1] = low, select(lows, count, 3 * (count - 1) // 4) - low
-
-
-@device_function
-def _search(ascending: Ints, number: int) -> int:
-    """Return the place of the first that is not less."""
-    low, high = 0, len(ascending)
-    while low < high:
-        middle = (low + high) // 2
-        if ascending[middle] < number:
-            low = middle + 1
-        else:
-            high = middle
-    return low
 
 
 @device_function
@@ -176,7 +163,8 @@ def _count_low(around: Floor, xyz: Floats) -> int:
 def _floor_at(around: Floor, x: float, y: float) -> tuple[float, float]:
     """Return the floor around a place, and how far apart the quartiles are there."""
     i, j = _steps(x - around.origin[0], around.side), _steps(y - around.origin[1], around.side)
-    place = min(_search(around.wide, i // WIDER << ROW | j // WIDER), len(around.wide) - 1)
+    place = int(np.searchsorted(around.wide, i // WIDER << ROW | j // WIDER))
+    place = min(place, len(around.wide) - 1)
     return around.floor[place, 0], around.floor[place, 1]
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lidar_outlier_filter.core.annotations import Allocate, Bools, Floats, Index, Ints
+    from lidar_outlier_filter.core.kernels.threads import Result
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 
@@ -209,21 +210,17 @@ class Neighbourhood:
         xyz, tree, levels = self._for_walks(which)
         if squared.shape != which.shape or np.isnan(squared).any():
             raise FilterError('squared distances', f'{which.shape} without NaN', squared)
-        counts = np.empty(len(which), np.int64)
-        self._in_threads(
-            lambda i, j: tree_walks.count_within(
-                xyz, tree, levels, which[i:j], squared[i:j], counts[i:j]
-            ),
-            len(which),
-        )
-        offsets = np.concatenate([[0], np.cumsum(counts)])
+        offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
+
+        def walk(i: int, j: int) -> Ints:
+            these = which[i:j], squared[i:j], offsets[i : j + 1]
+            return tree_walks.within(xyz, tree, levels, *these, index)
+
+        # Counted first: nothing has room yet.
+        counts = self._in_threads(walk, len(which))
+        np.cumsum(np.concatenate([np.empty(0, np.int64), *counts]), out=offsets[1:])
         index = np.empty(offsets[-1], np.int32)
-        self._in_threads(
-            lambda i, j: tree_walks.list_within(
-                xyz, tree, levels, which[i:j], squared[i:j], offsets[i : j + 1], index
-            ),
-            len(which),
-        )
+        self._in_threads(walk, len(which))
         return offsets, index
 
     def nearest_of(self, which: Ints, k: int) -> Index:
@@ -309,8 +306,8 @@ class Neighbourhood:
     def _empty_lists(self, count: int, k: int) -> Nearest:
         return Nearest(self._allocate((count, k), np.int32), np.empty(count, np.bool_))
 
-    def _in_threads(self, work: Callable[[int, int], None], count: int) -> None:
-        pool.run(work, count, ROWS, self._threads)
+    def _in_threads(self, work: Callable[[int, int], Result], count: int) -> list[Result]:
+        return pool.run(work, count, ROWS, self._threads)
 
 
 def _in_multiples(xyz: Floats) -> Floats:

@@ -111,7 +111,11 @@ def search_some(
         leaf, begin, end = these[i], rows[i], rows[i + 1]
         first = tree.first[leaf]
         if tree.last[leaf] - first > LEAF:
-            _each_alone(xyz, order, tree, which, begin, end, index, buffers)
+            # More coincide than are one batch.
+            for row in range(begin, end):
+                few = _alone(xyz, order, tree, which[row], k, buffers)
+                lists = Lists(order, index[row : row + 1], tied, which[row])
+                _write(which[row], few, buffers, lists)
             continue
         count = 0
         for row in range(begin, end):
@@ -122,25 +126,6 @@ def search_some(
         for row in range(begin, end):
             for j in range(k):
                 index[row, j] = found[which[row] - first, j]
-
-
-@device_function
-def _each_alone(
-    xyz: Floats,
-    order: Ints,
-    tree: Tree,
-    which: Ints,
-    begin: int,
-    end: int,
-    index: Index,
-    buffers: Buffers,
-) -> None:
-    """Write rows of ``index`` for points of a leaf in which more coincide than are one batch."""
-    for row in range(begin, end):
-        few = _alone(xyz, order, tree, which[row], index.shape[1], buffers)
-        sort(order, buffers.few, buffers.few_index, few, buffers.best, buffers.best_index)
-        for j in range(index.shape[1]):
-            index[row, j] = buffers.best_index[j]
 
 
 @device_function

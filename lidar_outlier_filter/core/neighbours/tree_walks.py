@@ -59,23 +59,18 @@ def carry_over(
 
 
 @kernel
-def count_within(
-    xyz: Floats, tree: Tree, levels: int, which: Ints, limits: Floats, counts: Ints
-) -> None:
-    """Count for each of the points ``which`` the others up to its limit, squared."""
-    stack, nothing = np.empty(levels + 1, np.int64), np.empty(0, np.int32)
-    for i in range(len(which)):
-        counts[i] = _walk(xyz, tree, stack, which[i], limits[i], nothing)
-
-
-@kernel
-def list_within(
+def within(
     xyz: Floats, tree: Tree, levels: int, which: Ints, limits: Floats, offsets: Ints, index: Index
-) -> None:
-    """Write what :func:`count_within` counts; the list of ``which[i]`` begins at ``offsets[i]``."""
-    stack = np.empty(levels + 1, np.int64)
+) -> Ints:
+    """Count for each of the points ``which`` the others up to its limit, squared, and list them.
+
+    The list of ``which[i]`` begins at ``offsets[i]``; where ``index`` ends, it ends, too.
+    """
+    stack, counts = np.empty(levels + 1, np.int64), np.empty(len(which), np.int64)
     for i in range(len(which)):
-        _walk(xyz, tree, stack, which[i], limits[i], index[offsets[i] : offsets[i + 1]])
+        room = index[offsets[i] : offsets[i + 1]]
+        counts[i] = _walk(xyz, tree, stack, which[i], limits[i], room)
+    return counts
 
 
 @device_function

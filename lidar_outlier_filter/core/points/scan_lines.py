@@ -52,8 +52,8 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     low, high = int(line.min()), int(line.max())
     # Lines are numbered densely in all but odd streams: counting beats sorting there.
     if high - low <= 4 * len(t) + 1024:
-        order = _count_lines(line, low, high - low + 1)
-        if _is_ordered(line, t, order):
+        order, ordered = _count_lines(line, t, low, high - low + 1)
+        if ordered:
             return order
     return np.lexsort((t, line)).astype(np.int64)
 
@@ -102,29 +102,24 @@ def has_lines(points: Points) -> bool:
 
 
 @kernel
-def _count_lines(line: NDArray[np.int64], low: int, count: int) -> NDArray[np.int64]:
-    """Sort stably by line with a counting sort."""
+def _count_lines(
+    line: NDArray[np.int64], t: NDArray[np.int64], low: int, count: int
+) -> tuple[NDArray[np.int64], bool]:
+    """Sort stably by line with a counting sort; return also whether no line goes back in time."""
     rank = np.zeros(count + 1, np.int64)
     for i in range(len(line)):
         rank[line[i] - low + 1] += 1
     for j in range(count):
         rank[j + 1] += rank[j]
-    order = np.empty(len(line), np.int64)
+    order, ordered = np.empty(len(line), np.int64), True
+    latest = np.full(count, t.min())
     for i in range(len(line)):
         j = line[i] - low
         order[rank[j]] = i
         rank[j] += 1
-    return order
-
-
-@kernel
-def _is_ordered(line: NDArray[np.int64], t: NDArray[np.int64], order: NDArray[np.int64]) -> bool:
-    """Return whether no line goes back in time in this order."""
-    for i in range(1, len(order)):
-        a, b = order[i - 1], order[i]
-        if line[a] == line[b] and t[b] < t[a]:
-            return False
-    return True
+        ordered &= t[i] >= latest[j]
+        latest[j] = t[i]
+    return order, ordered
 
 
 @kernel
