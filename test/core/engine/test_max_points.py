@@ -167,6 +167,15 @@ def test_with_a_block_for_each_message() -> None:
     assert [is_taken(made, sweep(2 * number, 600)) for number in range(6)] == [True] * 6
 
 
+def test_a_refused_message_leaves_the_halo_of_the_next() -> None:
+    """Time goes on with it, and what the next message needs is kept."""
+    made, census = stream(max_points=10, blocks='message')
+    assert is_taken(made, [0] * 8)
+    assert not is_taken(made, [HALO] * 11)
+    assert is_taken(made, [HALO] * 2)
+    assert census.blocks == [[0] * 8, [0] * 8 + [HALO] * 2]
+
+
 # Clouds that wait for their poses ---------------------------------------------------------------
 
 
