@@ -102,9 +102,7 @@ def add_replay(commands: Commands) -> None:
 
 def _replay(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
-    from lidar_outlier_filter.core.kernels.threads import keep_memory
 
-    keep_memory()
     if options.largest_message < 1:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
     is_many = is_archive(options.recording)

@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.kernels.threads import keep_memory
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -41,7 +40,6 @@ def main(*, lifecycle: bool = False, attach: Callable[[OutlierFilterNode], objec
     """
     # Until there is a node: not by an exception, which an import or a destructor would swallow.
     on_stop(lambda: os._exit(0))
-    keep_memory()
     # ROS, NumPy and numba take a second or two.
     from lidar_outlier_filter.ros.node import ManagedFilterNode, OutlierFilterNode, run  # noqa: PLC0415
 

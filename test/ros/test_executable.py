@@ -208,19 +208,6 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
     assert 'Traceback' not in '\n'.join(node.output)
 
 
-def test_memory_is_kept_for_the_next_cloud() -> None:
-    """What a large array has used is not asked of the system again."""
-    script = (
-        'import resource; from lidar_outlier_filter.core.kernels.threads import keep_memory\n'
-        'def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n'
-        'def use(): bytearray(40_000_000)\n'
-        'keep_memory(); use(); before = faults(); use(); print(faults() - before)\n'
-    )
-    with Program('-c', script, env={}) as program:
-        assert int(program.wait_for('')) < 1000  # of 10 000 pages
-        assert program.wait() == 0
-
-
 def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
     """Those of the middleware and a few for each core, whatever was compiled before."""
     with filter_process(tmp_path, environment(), '/**: {ros__parameters: {}}') as node:

@@ -13,6 +13,7 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.slow import watched
 from lidar_outlier_filter.core.engine.tiles import detect_in_tiles
+from lidar_outlier_filter.core.kernels.threads import keep_memory
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Chain:
 
         ``whole`` says that what is judged is a whole cloud, no part of a stream.
         """
+        keep_memory()
         self.parameters = parameters
         self.whole = whole
         self.passes = 0  # the most that a detector has needed

@@ -8,6 +8,7 @@ import ctypes
 import itertools
 import os
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
 from lidar_outlier_filter.errors import FilterError
@@ -43,12 +44,13 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
+@cache
 def keep_memory() -> None:
-    """Keep the memory of one cloud for the next, where the C library is glibc.
+    """Keep the memory of one cloud for the next, where the C library is glibc; every chain does.
 
     By default it goes back to the system after every cloud, and comes again page by page, filled
-    with zeros: with large clouds that is a sixth of all the time. One arena, because every thread
-    would keep what is free in its own. Threads that have one already keep it: call this first.
+    with zeros: with large clouds that is a tenth of all the time. One arena for the threads to come,
+    because each would keep what is free in its own.
     """
     set_option = getattr(ctypes.CDLL(None), 'mallopt', None)
     if set_option is not None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.detectors import BITS
+from helpers.programs import Program
 
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
@@ -217,3 +218,18 @@ def test_whatever_a_cloud_may_hold(name: str) -> None:
         sigma = rng.choice([FINEST, 1.0, FARTHEST], count) if seed % 4 > 1 else None
         points = Points(xyz[seed % 3], t, line, np.ones(count, np.bool_), sigma)
         assert len(judge(points, name)) == count
+
+
+def test_memory_is_kept_for_the_next_cloud() -> None:
+    """Once there is a chain, what a large array has used is not asked of the system again."""
+    script = (
+        'from resource import RUSAGE_SELF, getrusage\n'
+        'from lidar_outlier_filter.core.engine.chain import Chain\n'
+        'from lidar_outlier_filter.parameters.filter import FilterParameters\n'
+        'def faults(): return getrusage(RUSAGE_SELF).ru_minflt\n'
+        'def use(): bytearray(40_000_000)\n'
+        'Chain(FilterParameters()); use(); before = faults(); use(); print(faults() - before)\n'
+    )
+    with Program('-c', script) as program:
+        assert int(program.wait_for('')) < 1000  # of 10 000 pages
+        assert program.wait() == 0
