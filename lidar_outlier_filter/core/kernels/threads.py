@@ -46,11 +46,11 @@ def cores() -> int:
 
 @cache
 def keep_memory() -> None:
-    """Keep the memory of one cloud for the next, where the C library is glibc; every chain does.
+    """Keep the memory of one cloud for the next, where the C library is glibc. Chains call it.
 
     By default it goes back to the system after every cloud, and comes again page by page, filled
-    with zeros: with large clouds that is a tenth of all the time. One arena for the threads to come,
-    because each would keep what is free in its own.
+    with zeros: with large clouds that is a tenth of all the time. One arena for the threads to
+    come, because each would keep what is free in its own.
     """
     set_option = getattr(ctypes.CDLL(None), 'mallopt', None)
     if set_option is not None:
