@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.planes import LONG, MEAN, MIDDLE, NORMAL, QUADRIC
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row, rotate_rows
-from lidar_outlier_filter.core.kernels.eigen import NEGLIGIBLE, SWEEPS
+from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 
 if TYPE_CHECKING:
@@ -261,44 +260,3 @@ def adjust(window: Window, n: int, size: int) -> bool:
     measure_distances(window, n, size)
     _measure_levers(window, n, size)
     return True
-
-
-@noalias_kernel
-def find_quadrics(square: Floats, vectors: Floats) -> None:
-    """Turn a symmetric matrix into its eigenvalues, on its diagonal; vectors are the rows.
-
-    Jacobi's rotations of :func:`.eigen`, for ten parameters.
-    """
-    for i in range(QUADRIC):
-        for j in range(WIDTH):
-            vectors[i, j] = 1.0 if i == j else 0.0
-    for _ in range(SWEEPS):
-        beside, diagonal = 0.0, 0.0
-        for i in range(QUADRIC):
-            diagonal += square[i, i] * square[i, i]
-            for j in range(i):
-                beside += square[i, j] * square[i, j]
-        if not beside > NEGLIGIBLE * diagonal:
-            return
-        for i in range(QUADRIC - 1):
-            for j in range(i + 1, QUADRIC):
-                if square[i, j] != 0:
-                    _rotate(square, vectors, i, j)
-
-
-@noalias_kernel
-def _rotate(square: Floats, vectors: Floats, i: int, j: int) -> None:
-    """Turn axes i and j such that their product vanishes."""
-    low, high, beside = square[i, i], square[j, j], square[i, j]
-    ratio = (high - low) / (2 * beside)
-    tangent = 1 / (abs(ratio) + np.sqrt(ratio * ratio + 1))
-    if ratio < 0:
-        tangent = -tangent
-    cosine = 1 / np.sqrt(tangent * tangent + 1)
-    sine = tangent * cosine
-    rotate_rows(square, i, j, cosine, sine)
-    rotate_rows(vectors, i, j, cosine, sine)
-    square[i, i], square[j, j] = low - tangent * beside, high + tangent * beside
-    square[i, j] = square[j, i] = 0.0
-    for k in range(QUADRIC):
-        square[k, i], square[k, j] = square[i, k], square[j, k]

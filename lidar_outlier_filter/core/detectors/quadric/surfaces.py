@@ -22,7 +22,6 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     SIZES,
     adjust,
     fill_rows,
-    find_quadrics,
     measure_distances,
     step,
     sum_normal,
@@ -40,7 +39,6 @@ from lidar_outlier_filter.core.detectors.quadric.planes import (
     sum_moments,
     take_plane,
 )
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH
 from lidar_outlier_filter.core.detectors.quadric.statistics import (
     CONCENTRATIONS,
     MIN_POINTS,
@@ -54,7 +52,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
-from lidar_outlier_filter.core.kernels.eigen import find_least
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel, select
 
 if TYPE_CHECKING:
@@ -324,17 +322,16 @@ def _start_algebraic(window: Window, n: int) -> float:
     sum_normal(window, n, SIZES[2])
     square, vectors, a = window.square, window.vectors, window.a
     for i in range(QUADRIC):
-        for j in range(WIDTH):
-            square[i, j] = window.normal[i, j]
-    find_quadrics(square, vectors)
+        _copy(window.normal[i], QUADRIC, square[i])
+    eigen(square, vectors, QUADRIC)
     least = find_least(square, QUADRIC)
     second = 1 if least == 0 else 0
     for k in range(QUADRIC):
         if k != least and square[k, k] < square[second, second]:
             second = k
-    _copy(vectors[second], QUADRIC, a)
+    _copy(vectors[:, second], QUADRIC, a)
     far = _mean_square_distance(window, n)
-    _copy(vectors[least], QUADRIC, a)
+    _copy(vectors[:, least], QUADRIC, a)
     return far / _mean_square_distance(window, n)
 
 
