@@ -143,7 +143,7 @@ class Neighbourhood:
             raise FilterError('the number of neighbours', f'1 to {most}', k)
         if self._nearest is None:
             nearest = self._empty_lists(self._count, most)
-            self._search(nearest, np.ones(self._count, np.bool_))
+            self._search(nearest, np.arange(self._count, dtype=np.int32))
             self._nearest = nearest
         nearest = self._nearest
         if k == most:
@@ -207,10 +207,12 @@ class Neighbourhood:
         """
         squared = np.ascontiguousarray(squared, np.float64)
         which = np.ascontiguousarray(which, np.int64)
-        xyz, tree, levels = self._for_walks(which)
+        self._check(which)
         if squared.shape != which.shape or np.isnan(squared).any():
             raise FilterError('squared distances', f'{which.shape} without NaN', squared)
         offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
+        _, xyz, tree = self._build()
+        levels = tree_steps.height(tree)
 
         def walk(i: int, j: int) -> Ints:
             these = which[i:j], squared[i:j], offsets[i : j + 1]
@@ -242,26 +244,15 @@ class Neighbourhood:
         which = np.ascontiguousarray(which, np.int64)
         if not 1 <= k < len(self):
             raise FilterError('the number of neighbours', f'1 to {len(self) - 1}', k)
-        if (which[1:] < which[:-1]).any():
-            rank = np.argsort(which, kind='stable')
-            result = np.empty((len(which), k), np.int32)
-            result[rank] = self.nearest_of(which[rank], k)
-            return result
-        xyz, tree, levels = self._for_walks(which)
-        order, index = self.order, np.empty((len(which), k), np.int32)
-        leaves = tree_steps.leaves(tree)
-        rows = np.searchsorted(which, np.append(tree.first[leaves], len(self)))
-        used = np.flatnonzero(rows[1:] > rows[:-1])
-        these, rows = leaves[used], np.append(rows[used], len(which))
-        pool.run(
-            lambda i, j: tree_search.search_some(
-                xyz, order, tree, these[i:j], levels, which, rows[i : j + 1], index
-            ),
-            len(these),
-            LEAVES,
-            self._threads,
-        )
-        return index
+        self._check(which)
+        if not (which[1:] > which[:-1]).all():
+            which, inverse = np.unique(which, return_inverse=True)
+            return self.nearest_of(which, k)[inverse]
+        row = np.full(len(self), -1, np.int32)
+        row[which] = np.arange(len(which))
+        nearest = Nearest(np.empty((len(which), k), np.int32), np.empty(len(which), np.bool_))
+        self._search(nearest, row)
+        return nearest.index
 
     def _build(self) -> _Sorted:
         given = self._given
@@ -272,16 +263,15 @@ class Neighbourhood:
             self._given = given[:0]
         return self._sorted
 
-    def _search(self, nearest: Nearest, selected: Bools) -> None:
-        """Write the lists of the selected points."""
+    def _search(self, nearest: Nearest, row: Index) -> None:
+        """Write the lists of the points whose row is not negative."""
         order, xyz, tree = self._build()
         levels, leaves = tree_steps.height(tree), tree_steps.leaves(tree)
+        lists = tree_search.Lists(order, row, *nearest)
         pool.run(
-            lambda i, j: tree_search.search(
-                xyz, order, tree, leaves[i:j], levels, selected, nearest.index, nearest.tied
-            ),
+            lambda i, j: tree_search.search(xyz, tree, leaves[i:j], levels, lists),
             len(leaves),
-            LEAVES * len(self) // max(int(np.count_nonzero(selected)), 1),
+            LEAVES * len(self) // max(int(np.count_nonzero(row >= 0)), 1),
             self._threads,
         )
 
@@ -289,19 +279,17 @@ class Neighbourhood:
         """Give the lists of this neighbourhood to one of fewer points, and mend them."""
         old, nearest = self.nearest(self._most), self._empty_lists(len(result), self._most)
         new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
-        selected = np.empty(len(result), np.bool_)
+        row = np.empty(len(result), np.int32)
         self._in_threads(
-            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, selected),
+            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, row),
             self._count,
         )
-        result._search(nearest, selected)
+        result._search(nearest, row)
         return nearest
 
-    def _for_walks(self, which: Ints) -> tuple[Floats, Tree, int]:
+    def _check(self, which: Ints) -> None:
         if which.ndim != 1 or (len(which) > 0 and not 0 <= which.min() <= which.max() < len(self)):
             raise FilterError('indices in tree order', f'(M,) from 0 to {len(self) - 1}', which)
-        _, xyz, tree = self._build()
-        return xyz, tree, tree_steps.height(tree)
 
     def _empty_lists(self, count: int, k: int) -> Nearest:
         return Nearest(self._allocate((count, k), np.int32), np.empty(count, np.bool_))

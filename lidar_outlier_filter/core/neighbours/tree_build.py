@@ -53,21 +53,19 @@ class Tree(NamedTuple):
 
 
 class _Buffers(NamedTuple):
-    """Points are moved to and fro between two buffers, a and b, their indices with them."""
+    """Points are moved to and fro between two buffers, their indices with them."""
 
-    a: Floats
-    b: Floats
-    a_index: Index
-    b_index: Index
+    points: tuple[Floats, Floats]
+    indices: tuple[Index, Index]
 
 
 class _Part(NamedTuple):
-    """A node that is still to be cut; its points are in buffer 0 or 1."""
+    """A node that is still to be cut; its points are here, in buffer 0 or 1."""
 
     node: int
     first: int
     last: int
-    buffer: int
+    here: int
     patience: int
 
 
@@ -95,18 +93,16 @@ def build(
         The nodes.
 
     """
-    count = len(xyz)
-    index = np.arange(count, dtype=np.int32)
-    a, b = allocate((count, 3), np.float64), allocate((count, 3), np.float64)
-    a[:] = xyz
-    buffers = _Buffers(a, b, index, np.empty_like(index))
+    index, points = np.arange(len(xyz), dtype=np.int32), allocate(xyz.shape, np.float64)
+    points[:] = xyz
+    buffers = _Buffers((points, allocate(xyz.shape, np.float64)), (index, np.empty_like(index)))
     nodes, parts = _divide(buffers, threads)
 
     def grow(which: int, _: int) -> Tree:
-        return _grow(*buffers, *parts[which][1:])
+        return _grow(buffers, *parts[which][1:])
 
     tree = _join(nodes, parts, pool.run(grow, len(parts), 1, threads))
-    return buffers.a_index, buffers.a, tree
+    return index, points, tree
 
 
 def _divide(buffers: _Buffers, threads: int) -> tuple[list[list[int]], list[_Part]]:
@@ -114,31 +110,27 @@ def _divide(buffers: _Buffers, threads: int) -> tuple[list[list[int]], list[_Par
 
     Returns the rows first, last, child of the nodes, and those that are such parts.
     """
-    nodes = [[0, len(buffers.a), -1]]
+    nodes = [[0, len(buffers.points[0]), -1]]
     parts: list[_Part] = []
-    level = [_Part(0, 0, len(buffers.a), 0, MAX_LOPSIDED_CUTS)]
+    level = [_Part(0, 0, len(buffers.points[0]), 0, MAX_LOPSIDED_CUTS)]
     while level:
         large = [part for part in level if part.last - part.first > SUBTREE]
         parts += [part for part in level if part.last - part.first <= SUBTREE]
         level = []
-        for part, (middle, patience) in zip(
-            large, _halve_all(buffers, large, threads), strict=True
-        ):
+
+        def halve(which: int, _: int, large: list[_Part] = large) -> tuple[int, int]:
+            return _halve(buffers, *large[which][1:])
+
+        halves = pool.run(halve, len(large), 1, threads)
+        for part, (middle, patience) in zip(large, halves, strict=True):
             if middle == part.first:  # all its points coincide
                 parts.append(part)
                 continue
             nodes[part.node][2] = len(nodes)
             for first, last in ((part.first, middle), (middle, part.last)):
-                level.append(_Part(len(nodes), first, last, 1 - part.buffer, patience))
+                level.append(_Part(len(nodes), first, last, 1 - part.here, patience))
                 nodes.append([first, last, -1])
     return nodes, parts
-
-
-def _halve_all(buffers: _Buffers, parts: list[_Part], threads: int) -> list[tuple[int, int]]:
-    def halve(which: int, _: int) -> tuple[int, int]:
-        return _halve(*buffers, *parts[which][1:])
-
-    return pool.run(halve, len(parts), 1, threads)
 
 
 def _join(nodes: list[list[int]], parts: list[_Part], subtrees: list[Tree]) -> Tree:
@@ -238,26 +230,15 @@ def _trimmed(tree: Tree, count: int) -> Tree:
 
 
 @kernel
-def _halve(
-    a: Floats,
-    b: Floats,
-    a_index: Index,
-    b_index: Index,
-    first: int,
-    last: int,
-    buffer: int,
-    patience: int,
-) -> tuple[int, int]:
+def _halve(buffers: _Buffers, first: int, last: int, here: int, patience: int) -> tuple[int, int]:
     """Cut a node: move its points to the other buffer, each part in its order.
 
     Returns where the second part begins – at ``first``, and nothing is moved, where all points
     coincide – and the patience that is left.
     """
     low, high = np.empty(3), np.empty(3)
-    _bound(b if buffer else a, first, last, low, high)
-    if buffer:
-        return _cut(b, b_index, a, a_index, first, last, low, high, patience)
-    return _cut(a, a_index, b, b_index, first, last, low, high, patience)
+    _bound(buffers.points[here], first, last, low, high)
+    return _cut(buffers, first, last, here, low, high, patience)
 
 
 @device_function
@@ -275,17 +256,11 @@ def _bound(points: Floats, first: int, last: int, low: Floats, high: Floats) -> 
 
 @device_function
 def _cut(
-    points: Floats,
-    index: Index,
-    points_out: Floats,
-    index_out: Index,
-    first: int,
-    last: int,
-    low: Floats,
-    high: Floats,
-    patience: int,
+    buffers: _Buffers, first: int, last: int, here: int, low: Floats, high: Floats, patience: int
 ) -> tuple[int, int]:
     """Do what :func:`_halve` does, with the box known."""
+    points, index = buffers.points[here], buffers.indices[here]
+    points_out, index_out = buffers.points[1 - here], buffers.indices[1 - here]
     axis = 0
     for other in (1, 2):
         if high[other] - low[other] > high[axis] - low[axis]:
@@ -342,45 +317,30 @@ def _middle(points: Floats, first: int, last: int, axis: int, low: float) -> flo
 
 
 @kernel
-def _grow(
-    a: Floats,
-    b: Floats,
-    a_index: Index,
-    b_index: Index,
-    begin: int,
-    end: int,
-    buffer: int,
-    patience: int,
-) -> Tree:
+def _grow(buffers: _Buffers, begin: int, end: int, here: int, patience: int) -> Tree:
     """Cut points down to leaves, which end up in the first buffer."""
     most = 2 * (end - begin) + 1
     low, high, first, last, child = _empty_tree(most)
     where, left = np.empty(most, np.int64), np.empty(most, np.int64)  # buffer, patience
     stack = np.empty(most, np.int64)
-    first[0], last[0], where[0], left[0] = begin, end, buffer, patience
+    first[0], last[0], where[0], left[0] = begin, end, here, patience
     count, stack[0], waiting = 1, 0, 1
     while waiting > 0:
         waiting -= 1
         node = stack[waiting]
         i, j, here = first[node], last[node], where[node]
-        _bound(b if here else a, i, j, low[node], high[node])
+        _bound(buffers.points[here], i, j, low[node], high[node])
         middle = i
-        if j - i > LEAF and here:
-            middle, left[node] = _cut(
-                b, b_index, a, a_index, i, j, low[node], high[node], left[node]
-            )
-        elif j - i > LEAF:
-            middle, left[node] = _cut(
-                a, a_index, b, b_index, i, j, low[node], high[node], left[node]
-            )
+        if j - i > LEAF:
+            middle, left[node] = _cut(buffers, i, j, here, low[node], high[node], left[node])
         if middle == i:
             child[node] = -1
-            if here:
+            if here == 1:
                 # One by one: for slices numba compiles the text of an error about their shapes.
                 for m in range(i, j):
-                    a_index[m] = b_index[m]
+                    buffers.indices[0][m] = buffers.indices[1][m]
                     for axis in range(3):
-                        a[m, axis] = b[m, axis]
+                        buffers.points[0][m, axis] = buffers.points[1][m, axis]
             continue
         child[node] = count
         for side in range(2):

@@ -49,92 +49,40 @@ class Lists(NamedTuple):
     ----------
     order : (N,) int64
         The index, as given, of each point in tree order.
-    index : (N, k) int32
-    tied : (N,) bool
+    row : (N,) int32
+        Where in ``index`` and ``tied`` the list of each point is; negative: it is not searched.
+    index : (M, k) int32
+    tied : (M,) bool
         Whether another point, not in the list, is exactly as far as the k-th.
-    first : int
-        The index in tree order whose list is ``index[0]``.
 
     """
 
     order: Ints
+    row: Index
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     tied: Bools
-    first: int
 
 
 @kernel
-def search(
-    xyz: Floats,
-    order: Ints,
-    tree: Tree,
-    these: Ints,
-    levels: int,
-    selected: Bools,
-    index: Index,
-    tied: Bools,
-) -> None:
-    """Write the rows of ``index`` and ``tied`` for all selected points in the leaves ``these``."""
-    k = index.shape[1]
-    # The first index is 0, but no literal one, which would be another type for numba.
-    buffers, lists = make_buffers(k, levels), Lists(order, index, tied, tree.first[0])
-    queries = np.empty(LEAF, np.int64)
+def search(xyz: Floats, tree: Tree, these: Ints, levels: int, lists: Lists) -> None:
+    """Write the lists of the points in the leaves ``these``."""
+    buffers, queries = make_buffers(lists.index.shape[1], levels), np.empty(LEAF, np.int64)
     reach = guess = 0.0
     for leaf in these:
         # Only where all coincide there is more than one batch.
         for begin in range(tree.first[leaf], tree.last[leaf], LEAF):
-            count = _pick(selected, begin, min(begin + LEAF, tree.last[leaf]), queries)
+            count = _pick(lists.row, begin, min(begin + LEAF, tree.last[leaf]), queries)
             if count > 0:
                 reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
 
 
-@kernel
-def search_some(
-    xyz: Floats,
-    order: Ints,
-    tree: Tree,
-    these: Ints,
-    levels: int,
-    which: Ints,
-    rows: Ints,
-    index: Index,
-) -> None:
-    """Write the rows of ``index`` for some points, ``which``, ascending.
-
-    Those in the leaf ``these[i]`` are ``which[rows[i]:rows[i + 1]]``.
-    """
-    k = index.shape[1]
-    buffers, queries = make_buffers(k, levels), np.empty(LEAF, np.int64)
-    found, tied = np.empty((LEAF, k), np.int32), np.empty(LEAF, np.bool_)
-    reach = guess = 0.0
-    for i in range(len(these)):
-        leaf, begin, end = these[i], rows[i], rows[i + 1]
-        first = tree.first[leaf]
-        if tree.last[leaf] - first > LEAF:
-            # More coincide than are one batch.
-            for row in range(begin, end):
-                few = _alone(xyz, order, tree, which[row], k, buffers)
-                lists = Lists(order, index[row : row + 1], tied, which[row])
-                _write(which[row], few, buffers, lists)
-            continue
-        count = 0
-        for row in range(begin, end):
-            queries[count] = which[row]
-            count += row + 1 == end or which[row + 1] != which[row]
-        lists = Lists(order, found, tied, first)
-        reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
-        for row in range(begin, end):
-            for j in range(k):
-                index[row, j] = found[which[row] - first, j]
-
-
 @device_function
-def _pick(selected: Bools, begin: int, end: int, queries: Ints) -> int:
-    """List the selected points of a range, and return how many there are."""
+def _pick(row: Index, begin: int, end: int, queries: Ints) -> int:
+    """List the points of a range that are searched, and return how many there are."""
     count = 0
     for q in range(begin, end):
         queries[count] = q
-        count += selected[q]
+        count += row[q] >= 0
     return count
 
 
@@ -196,7 +144,7 @@ def _round(
     reach that they need, the distance guessed for the next point, and the sum of those found.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
-    order, index, tied, first = lists
+    order, row, index, tied = lists
     k, size = index.shape[1], padded(near)
     x, y, z, found, distance, few, few_index, best, best_index, _, _ = buffers
     left, further, total = 0, 0.0, 0.0
@@ -215,9 +163,10 @@ def _round(
         limit = tighten(distance, size, k, guess, reach, within)
         chosen = choose(distance, found, near, limit, few, few_index)
         sort(order, few, few_index, chosen, best, best_index)
+        r = row[q]
         for j in range(k):
-            index[q - first, j] = best_index[j]
-        tied[q - first] = chosen > k and best[k] == best[k - 1]
+            index[r, j] = best_index[j]
+        tied[r] = chosen > k and best[k] == best[k - 1]
         guess = GUESS * best[k - 1]
         total += best[k - 1]
     return left, further, guess, total
@@ -356,9 +305,9 @@ def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, fl
 @device_function
 def _write(q: int, few: int, buffers: Buffers, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
-    order, index, tied, first = lists
-    k, best, best_index = index.shape[1], buffers.best, buffers.best_index
+    order, row, index, tied = lists
+    k, best, best_index, r = index.shape[1], buffers.best, buffers.best_index, row[q]
     sort(order, buffers.few, buffers.few_index, few, best, best_index)
     for i in range(k):
-        index[q - first, i] = best_index[i]
-    tied[q - first] = few > k and best[k] == best[k - 1]
+        index[r, i] = best_index[i]
+    tied[r] = few > k and best[k] == best[k - 1]

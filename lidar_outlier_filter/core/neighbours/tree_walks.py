@@ -39,23 +39,23 @@ def carry_over(
     end: int,
     index_out: Index,
     tied_out: Bools,
-    selected: Bools,
+    row: Index,
 ) -> None:
     """Copy the lists of a range of points that are kept; their new indices are not negative.
 
-    Those that held a rejected point are searched again, and those that were tied, because it may
-    have been with a rejected one.
+    ``row`` of the others is -1. Those that held a rejected point are searched again, and those that
+    were tied, because it may have been with a rejected one.
     """
     for q in range(begin, end):
-        row = new_index[q]
-        if row < 0:
+        new = new_index[q]
+        if new < 0:
             continue
         lost = tied[q]
         for i in range(index.shape[1]):
             other = new_index[index[q, i]]
-            index_out[row, i] = other
+            index_out[new, i] = other
             lost |= other < 0
-        selected[row], tied_out[row] = lost, False
+        row[new], tied_out[new] = new if lost else -1, False
 
 
 @kernel

@@ -25,7 +25,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats, Index
 
 Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
@@ -474,19 +474,19 @@ def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     near, far = scattered(rng, 500), scattered(rng, 500) + 1000
     neighbourhood = Neighbourhood(np.concatenate([near, far]), 10)
     neighbourhood.nearest(10)
-    selected: list[NDArray[np.bool_]] = []
+    rows: list[Index] = []
     search = Neighbourhood._search
 
-    def watched(self: Neighbourhood, nearest: Nearest, these: NDArray[np.bool_]) -> None:
-        selected.append(these)
-        search(self, nearest, these)
+    def watched(self: Neighbourhood, nearest: Nearest, row: Index) -> None:
+        rows.append(row)
+        search(self, nearest, row)
 
     monkeypatch.setattr(Neighbourhood, '_search', watched)
     rejected = np.arange(1000) == 7
     left = neighbourhood.without(rejected)
     left.nearest(10)
-    assert len(selected) == 1
-    searched = left.order[selected[0]]
+    assert len(rows) == 1
+    searched = left.order[rows[0] >= 0]
     index, _ = lists(neighbourhood, 10)
     held = np.flatnonzero((index == 7).any(axis=1))
     assert_array_equal(np.sort(searched), held - (held > 7))
