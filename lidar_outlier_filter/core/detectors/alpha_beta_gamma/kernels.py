@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -314,21 +314,22 @@ def _one_by_one(
             _solve(behind, in_behind, fewest, order, weight, result[AFTER], slot)
 
 
-@device_function
+@noalias_kernel
 def _sums(
     columns: NDArray[np.float64], k: int, start: int, link: NDArray[np.int64], reach: int
 ) -> tuple[Sums, int, int]:
     """Sum up to ``reach`` points along the links; return the sums, the next point and the count."""
     s0 = s1 = s2 = s3 = s4 = 0.0
     x0 = x1 = x2 = y0 = y1 = y2 = z0 = z1 = z2 = 0.0
-    t, xyz, weight, rate = columns[T], columns[X : X + 3], columns[WEIGHT], columns[RATE, k]
+    here, rate = columns[T, k], columns[RATE, k]
+    x, y, z = columns[X, k], columns[X + 1, k], columns[X + 2, k]
     i, count = start, 0
     while count < reach and i >= 0:
-        u = (t[i] - t[k]) * rate
-        w0 = weight[i]
+        u = (columns[T, i] - here) * rate
+        w0 = columns[WEIGHT, i]
         w1 = w0 * u
         w2 = w1 * u
-        dx, dy, dz = xyz[0, i] - xyz[0, k], xyz[1, i] - xyz[1, k], xyz[2, i] - xyz[2, k]
+        dx, dy, dz = columns[X, i] - x, columns[X + 1, i] - y, columns[X + 2, i] - z
         s0 += w0
         s1 += w1
         s2 += w2
@@ -357,7 +358,7 @@ def _add(a: Sums, b: Sums) -> Sums:
     )
 
 
-@device_function
+@noalias_kernel
 def _solve(
     sums: Sums,
     count: int,
@@ -371,7 +372,7 @@ def _solve(
     s0, s1, s2, s3, s4, x0, x1, x2, y0, y1, y2, z0, z1, z2 = sums
     c0, c1, c2, determinant, diagonal = _cofactors(s0, s1, s2, s3, s4, order)
     if count < fewest or not determinant > SINGULAR * diagonal:
-        result[:, slot] = np.nan
+        result[0, slot] = result[1, slot] = result[2, slot] = np.nan
         return
     scale = 1 / (determinant * np.sqrt(1 / weight + c0 / determinant))
     result[0, slot] = -(c0 * x0 + c1 * x1 + c2 * x2) * scale
