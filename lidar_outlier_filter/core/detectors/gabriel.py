@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
     return ends[:count].copy()
 
 
-@device_function
+@noalias_kernel
 def _find_candidates(
     xyz: Floats, tree: Tree, p: int, before: bool, scratch: _Scratch
 ) -> tuple[int, int]:
@@ -172,7 +172,7 @@ def _find_candidates(
     return found, kept
 
 
-@device_function
+@noalias_kernel
 def _is_hidden(
     tree: Tree, node: int, planes: Floats, kept: int, x: float, y: float, z: float
 ) -> bool:
@@ -192,7 +192,7 @@ def _is_hidden(
     return False
 
 
-@device_function
+@noalias_kernel
 def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
     """Return whether a point is beyond one of the planes: whether its point is inside the ball."""
     for k in range(kept):
@@ -202,7 +202,7 @@ def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
     return False
 
 
-@device_function
+@noalias_kernel
 def _add_plane(
     planes: Floats, kept: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> int:
@@ -223,7 +223,7 @@ def _add_plane(
     return min(kept + 1, PLANES)
 
 
-@device_function
+@noalias_kernel
 def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, stack: Ints) -> bool:
     """Return whether no point is inside the ball between p and q."""
     px, py, pz = xyz[p, 0], xyz[p, 1], xyz[p, 2]

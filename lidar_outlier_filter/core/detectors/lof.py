@@ -35,7 +35,7 @@ from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import kernel, median, noalias_kernel
 from lidar_outlier_filter.core.neighbours.duplicates import find_places
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
@@ -256,7 +256,7 @@ def _densities(
             density[p] = _density(p, near.more, 0, first, last, xyz, square)
 
 
-@device_function
+@noalias_kernel
 def _density(
     p: int, lists: NDArray[np.int32], row: int, first: int, last: int, xyz: Floats, square: Floats
 ) -> float:
@@ -279,7 +279,7 @@ def _ratios(begin: int, end: int, near: _Near, density: Floats, factor: Floats) 
             factor[p] = _mean(density, near.more, 0, first, last) / density[p]
 
 
-@device_function
+@noalias_kernel
 def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: int) -> float:
     total = 0.0
     for m in range(first, last):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Ints
@@ -104,7 +104,7 @@ def sort(
         _sort(order, few, few_index, count, best, best_index)
 
 
-@device_function
+@noalias_kernel
 def _rank(few: Floats, few_index: Ints, count: int, best: Floats, best_index: Ints) -> bool:
     """Sort by counting for each of the few how many are nearer; False, and unsorted, with ties.
 
@@ -132,7 +132,7 @@ def _rank(few: Floats, few_index: Ints, count: int, best: Floats, best_index: In
     return total == count * (count - 1) // 2 + (size - count) * count
 
 
-@device_function
+@noalias_kernel
 def _sort(order: Ints, few: Floats, few_index: Ints, count: int, best: Floats, index: Ints) -> None:
     """Sort by distance, then index: Shell's sort with Knuth's steps."""
     for i in range(count):

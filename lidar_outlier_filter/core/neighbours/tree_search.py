@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.smallest import (
     STROKE,
     SURPLUS,
@@ -76,7 +76,7 @@ def search(xyz: Floats, tree: Tree, these: Ints, levels: int, lists: Lists) -> N
                 reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
 
 
-@device_function
+@noalias_kernel
 def _pick(row: Index, begin: int, end: int, queries: Ints) -> int:
     """List the points of a range that are searched, and return how many there are."""
     count = 0
@@ -86,7 +86,7 @@ def _pick(row: Index, begin: int, end: int, queries: Ints) -> int:
     return count
 
 
-@device_function
+@noalias_kernel
 def _batch(
     xyz: Floats,
     tree: Tree,
@@ -126,7 +126,7 @@ def _batch(
     return 0.0, guess
 
 
-@device_function
+@noalias_kernel
 def _round(
     xyz: Floats,
     queries: Ints,
@@ -172,7 +172,7 @@ def _round(
     return left, further, guess, total
 
 
-@device_function
+@noalias_kernel
 def _around(xyz: Floats, queries: Ints, count: int) -> Bounds:
     """Return the box around some points."""
     x0 = y0 = z0 = np.inf
@@ -184,7 +184,7 @@ def _around(xyz: Floats, queries: Ints, count: int) -> Bounds:
     return x0, y0, z0, x1, y1, z1
 
 
-@device_function
+@noalias_kernel
 def _collect(
     xyz: Floats, tree: Tree, home: int, box: Bounds, reach: float, k: int, buffers: Buffers
 ) -> tuple[int, int]:
@@ -221,7 +221,7 @@ def _collect(
     return count, own
 
 
-@device_function
+@noalias_kernel
 def _beside(x: float, y: float, z: float, box: Bounds) -> float:
     """Return the squared distance of a point and a box, computed as :func:`gap` does."""
     dx = max(x - box[3], box[0] - x, 0.0)
@@ -230,7 +230,7 @@ def _beside(x: float, y: float, z: float, box: Bounds) -> float:
     return float((dx * dx + dy * dy) + dz * dz)
 
 
-@device_function
+@noalias_kernel
 def _measure(
     near_x: Floats,
     near_y: Floats,
@@ -246,7 +246,7 @@ def _measure(
         distance[i] = (dx * dx + dy * dy) + dz * dz
 
 
-@device_function
+@noalias_kernel
 def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffers) -> int:
     """Find the few candidates of point q by going through the tree from near to far."""
     x, y, z = xyz[q]
@@ -276,7 +276,7 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffer
     return count
 
 
-@device_function
+@noalias_kernel
 def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
     few, few_index, best, best_index = (
@@ -302,7 +302,7 @@ def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, fl
     return kept, limit
 
 
-@device_function
+@noalias_kernel
 def _write(q: int, few: int, buffers: Buffers, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
     order, row, index, tied = lists

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def leaves(tree: Tree) -> Ints:
     return found[:count].copy()
 
 
-@device_function
+@noalias_kernel
 def gap(tree: Tree, node: int, box: Bounds) -> float:
     """Return the squared distance between a box, which may be a point, and that of a node."""
     dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
@@ -108,7 +108,7 @@ def gap(tree: Tree, node: int, box: Bounds) -> float:
     return float((dx * dx + dy * dy) + dz * dz)
 
 
-@device_function
+@noalias_kernel
 def seen(tree: Tree, leaf: int, k: int) -> int:
     """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
 
@@ -119,7 +119,7 @@ def seen(tree: Tree, leaf: int, k: int) -> int:
     return int(last if last - first <= LEAF else min(last, first + k + 2))
 
 
-@device_function
+@noalias_kernel
 def push(tree: Tree, node: int, box: Bounds, nodes: Ints, gaps: Floats, waiting: int) -> int:
     """Put the children of a node on the stack, the nearer one on top."""
     near = tree.child[node]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 
-@device_function
+@noalias_kernel
 def squared(xyz: Floats, p: int, q: int) -> float:
     """Return the squared distance of two points, in the order of operations of the search."""
     dx, dy, dz = xyz[p, 0] - xyz[q, 0], xyz[p, 1] - xyz[q, 1], xyz[p, 2] - xyz[q, 2]
@@ -73,7 +73,7 @@ def within(
     return counts
 
 
-@device_function
+@noalias_kernel
 def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
     """Count the points within the limit, and list as many as ``index`` holds, in their order."""
     x, y, z = xyz[q]

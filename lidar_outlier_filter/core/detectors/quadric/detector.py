@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, R
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height, leaves
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def sort_leaves(xyz: Floats, tree: Tree, these: Ints, place: Ints) -> None:
             place[j] = one
 
 
-@device_function
+@noalias_kernel
 def _is_before(xyz: Floats, one: int, other: int) -> bool:
     for axis in range(3):
         if xyz[one, axis] != xyz[other, axis]:
@@ -269,7 +269,7 @@ def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, s
     return count
 
 
-@device_function
+@noalias_kernel
 def _visit(
     xyz: Floats, tree: Tree, core: int, margin: float, stride: int, found: Ints, stack: Ints
 ) -> int:
@@ -312,7 +312,7 @@ def _visit(
     return count
 
 
-@device_function
+@noalias_kernel
 def _is_in(xyz: Floats, i: int, box: Bounds) -> bool:
     x, y, z = xyz[i]
     return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
@@ -390,7 +390,7 @@ def judge_patches(
         score[i] = window.score[np.searchsorted(found, i)]
 
 
-@device_function
+@noalias_kernel
 def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
     """Copy points into the window."""
     for k in range(len(found)):
