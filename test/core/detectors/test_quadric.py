@@ -11,11 +11,13 @@ import pytest
 from helpers import surfaces
 from helpers.neighbour_clouds import CLOUDS, UTM, rotation
 from naive import quadric as naive
+from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric.planes import empty_window
+from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -66,6 +68,22 @@ def assert_same(scores: Floats, expected: Any) -> None:
     """Compare scores with those of the twin."""
     assert_allclose(scores, expected, rtol=1e-6, atol=1e-9)
     assert_array_equal(scores > 1, np.array(expected) > 1)
+
+
+# Rows ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('size', [1, 4, 5, 8, 9, 12])
+def test_rows_are_added_as_in_the_loop(size: int) -> None:
+    """Vectors of the processor give every element the same bits; the others stay."""
+    rng = np.random.default_rng(size)
+    source, target = rng.normal(size=(2, 5, WIDTH))
+    source[3, :4] = np.nan, np.inf, -0.0, 5e-324
+    expected = target.copy()
+    add_row(expected, 2, 0.3, source, 3, size)
+    # numba compiles no overloaded function itself
+    njit(lambda *given: add_row(*given))(target, 2, 0.3, source, 3, size)  # noqa: PLW0108
+    assert_array_equal(target.view(np.int64), expected.view(np.int64))
 
 
 # The twin -----------------------------------------------------------------------------------------
