@@ -38,21 +38,14 @@ from real_snow_sweeps import (  # noqa: E402
     read_sweeps,
 )
 
-from lidar_outlier_filter.errors import FilterError  # noqa: E402
 from lidar_outlier_filter.evaluation.confusion import Confusion, Share  # noqa: E402
 from lidar_outlier_filter.evaluation.report import percent  # noqa: E402
-from lidar_outlier_lab.results.markdown import (  # noqa: E402
-    NOTHING,
-    number,
-    paragraphs,
-    table,
-    write,
-)
+from lidar_outlier_lab.results.markdown import number, paragraphs, table, write  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from real_snow_sweeps import Cloud, Figures, Sweep, Verdict
+    from real_snow_sweeps import Cloud, Figures, Verdict
 
     Judged = dict[str, Figures]  # by judge
     All = dict[str, Judged]  # by form
@@ -64,19 +57,8 @@ PAGE = ROOT / 'doc' / 'results' / 'real_snow.md'
 SECTION, COMMAND = 'real-snow', 'benchmarks/real_snow.py'
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Judge, print, and write what is wanted."""
-    options = parse(arguments)
-    try:
-        run(options)
-    except FilterError as err:
-        print(err, file=sys.stderr)
-        return 1
-    return 0
-
-
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line."""
+def main(arguments: Sequence[str] | None = None) -> All:
+    """Judge the requested forms by the requested judges; return the figures by form and judge."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     add = parser.add_argument
     add('folder', type=Path, metavar='FOLDER')
@@ -84,41 +66,21 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add('--forms', nargs='+', choices=FORMS, default=tuple(FORMS), metavar='F')
     add('--judges', nargs='*', choices=JUDGES, default=JUDGES, metavar='J')
     add('--outdet', type=Path, metavar='FILE.onnx', help="3D-OutDet's network; needs onnxruntime")
-    add('--rings', type=Path, default=RINGS, metavar='FILE', help='the lasers, as pandar64.csv')
     add('--write', nargs='?', type=Path, const=PAGE, metavar='PAGE', help='default: %(const)s')
     options = parser.parse_args(arguments)
-    if options.every < 1:
-        parser.error('--every: must be at least 1')
-    return options
-
-
-def run(options: argparse.Namespace) -> All:
-    """Judge the requested forms by the requested judges; return the figures by form and judge."""
+    sweeps = read_sweeps(options.folder, read_rings(RINGS), options.every)
     everything: All = {}
-    sweeps = read_sweeps(options.folder, read_rings(options.rings), options.every)
     for form in options.forms:
-        judge(form, sweeps, options, everything)
-    text = text_of(everything)
+        clouds = [cloud(sweep, form) for sweep in sweeps]
+        everything[form] = {}
+        for name, verdict in verdicts(clouds, options.judges, options.outdet):
+            everything[form][name] = count(clouds, verdict)
+            print(f'{form}: {name} judged', file=sys.stderr, flush=True)
+    text = paragraphs(in_short(everything), *(of_form(*one) for one in everything.items()))
     print(text)
     if options.write is not None:
         write(options.write, SECTION, text, command=COMMAND)
     return everything
-
-
-def judge(form: str, sweeps: Sequence[Sweep], options: argparse.Namespace, everything: All) -> None:
-    """Judge one form, and put the figures to those that are there."""
-    clouds = [cloud(sweep, FORMS[form]) for sweep in sweeps]
-    judged = {**everything.get(FORMS[form].like, {})}
-    for name, verdict in verdicts(clouds, requested(form, options), options.outdet):
-        judged[name] = count(clouds, verdict)
-        print(f'{form}: {name} judged', file=sys.stderr, flush=True)
-    everything[form] = {name: judged[name] for name in JUDGES if name in judged}
-
-
-def requested(form: str, options: argparse.Namespace) -> list[str]:
-    """List who judges a form; what peers say of one that is like another is known from there."""
-    known = FORMS[form].like in options.forms
-    return [name for name in options.judges if name == DEFAULT or not known]
 
 
 def verdicts(
@@ -136,43 +98,35 @@ def verdicts(
             yield name, PEERS[name](seen)
 
 
-def text_of(everything: All) -> str:
-    """Write up all figures, form by form."""
-    forms = [form for form in FORMS if everything.get(form)]
-    return paragraphs(in_short(everything), *(of_form(form, everything[form]) for form in forms))
-
-
 def in_short(everything: All) -> str:
     """Lay out F1, and the share of the good points that is lost, of each judge in each form."""
-    forms = [form for form in FORMS if everything.get(form)]
-    judges = dict.fromkeys(judge for form in forms for judge in everything[form])
+    judges = next(iter(everything.values()))
     rows = [
-        (_bold(judge, judge), *(_short(everything[form].get(judge)) for form in forms))
+        (_bold(judge), *(_short(judged[judge]) for judged in everything.values()))
         for judge in judges
     ]
     return paragraphs(
         '## In short',
         'F1, and in brackets the good points lost:',
-        table(('', *(FORMS[form].title for form in forms)), rows),
+        table(('', *(FORMS[form][0] for form in everything)), rows),
     )
 
 
-def _short(figures: Figures | None) -> str:
-    if figures is None:
-        return NOTHING
+def _short(figures: Figures) -> str:
     return f'{number(figures.whole.f1)} ({percent(figures.whole.false_rejections.ratio)})'
 
 
-def _bold(judge: str, said: str) -> str:
-    return f'**{said}**' if judge == DEFAULT else said
+def _bold(judge: str) -> str:
+    return f'**{judge}**' if judge == DEFAULT else judge
 
 
 def of_form(form: str, judged: Judged) -> str:
     """Write up one form: all judges, by class, by range, and where the default is worse."""
-    title = FORMS[form].title
+    title, one = FORMS[form][0], next(iter(judged.values()))
     return paragraphs(
         f'## {title[0].upper()}{title[1:]}',
-        *(f'Given to {names}: {said}.' for said, names in _given(judged).items()),
+        f'Given to all: {one.sweeps} sweeps, {one.whole.total:,} points, '
+        f'{one.whole.outliers:,} of them falling snow.',
         whole(judged),
         'Rejected, by class. Of falling snow much is good, of all others little:',
         by_class(judged),
@@ -182,22 +136,12 @@ def of_form(form: str, judged: Judged) -> str:
     )
 
 
-def _given(judged: Judged) -> dict[str, str]:
-    """Say what was judged by whom; most often all judge the same."""
-    said: dict[str, list[str]] = {}
-    for judge, one in judged.items():
-        sweeps, points, snow = one.sweeps, one.whole.total, one.whole.outliers
-        text = f'{sweeps} sweeps, {points:,} points, {snow:,} of them falling snow'
-        said.setdefault(text, []).append(judge)
-    return {text: 'all' if len(said) == 1 else '; '.join(names) for text, names in said.items()}
-
-
 def whole(judged: Judged) -> str:
     """Lay out what each judge does to all points."""
     head = ('', 'F1', 'precision', 'recall', 'good points lost', 'million points/s', 'chosen')
     rows = [
         (
-            _bold(judge, judge),
+            _bold(judge),
             number(one.whole.f1),
             number(one.whole.precision.ratio),
             number(one.whole.recall.ratio),
@@ -225,21 +169,13 @@ def by_class(judged: Judged) -> str:
 
 def by_range(judged: Judged) -> str:
     """Lay out recall, and the share of the good points that is lost, by range."""
-    rows = [
-        (said, *(_of_range(one, index) for one in judged.values()))
-        for index, said in enumerate(range_names())
-    ]
+    names = [f'{low:g} to {high:g} m' for low, high in pairwise(RANGES)]
+    rows = [[name] for name in (*names, f'from {RANGES[-1]:g} m')]
+    for one in judged.values():
+        for row, counts in zip(rows, one.ranges, strict=True):
+            part = Confusion(*counts)
+            row.append(f'{percent(part.recall.ratio)}, {percent(part.false_rejections.ratio)}')
     return table(('', *judged), rows)
-
-
-def _of_range(figures: Figures, index: int) -> str:
-    part = Confusion(*figures.ranges[index])
-    return f'{percent(part.recall.ratio)}, {percent(part.false_rejections.ratio)}'
-
-
-def range_names() -> list[str]:
-    """Name the ranges."""
-    return [*(f'{low:g} to {high:g} m' for low, high in pairwise(RANGES)), f'from {RANGES[-1]:g} m']
 
 
 def worse(judged: Judged) -> str:
@@ -252,4 +188,4 @@ def worse(judged: Judged) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -12,10 +12,8 @@ neighbour: a copy has the verdict of its point.
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,9 +23,6 @@ from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_lab.results import peers
 
@@ -38,23 +33,10 @@ if TYPE_CHECKING:
     from real_snow_sweeps import Cloud
 
     from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
-    from lidar_outlier_filter.files.judged_file import JudgedFile
 
 HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says
 XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]
 MESSAGE = np.dtype([*XYZI, ('ring', '<u2'), ('timestamp', '<f8'), ('index', '<u4')])
-FILE = np.dtype(XYZI)
-PCD = """VERSION 0.7
-FIELDS x y z intensity
-SIZE 4 4 4 4
-TYPE F F F F
-COUNT 1 1 1 1
-WIDTH {0}
-HEIGHT 1
-VIEWPOINT 0 0 0 1 0 0 0
-POINTS {0}
-DATA binary
-"""
 NETWORK_NEIGHBOURS = 9  # the point itself among them
 AWAY = 1.0  # metres, added to their distances
 # Of x, y, z and intensity in its training, from its own code
@@ -74,12 +56,6 @@ SHARES = (0.004, 0.007, 0.01, 0.014, 0.02, 0.03)  # of the range
 
 
 def by_default(clouds: Sequence[Cloud]) -> Verdict:
-    """Judge clouds as a stream where they have rings and times, and else as files."""
-    bare = any(one.ring is None for one in clouds)
-    return as_files(clouds) if bare else as_stream(clouds)
-
-
-def as_stream(clouds: Sequence[Cloud]) -> Verdict:
     """Judge clouds one after the other, as the node and `replay` do."""
     messages = [message(one) for one in clouds]
     filters = [CloudFilter(read_yaml(HESAI)) for _ in range(2)]
@@ -101,62 +77,20 @@ def as_stream(clouds: Sequence[Cloud]) -> Verdict:
 
 def message(cloud: Cloud) -> NDArray[np.void]:
     """Lay out a cloud as Hesai's driver does, and number its points."""
-    points = _points(cloud, MESSAGE)
+    points = np.zeros(len(cloud), MESSAGE)
+    for axis, column in zip('xyz', cloud.xyz.T, strict=True):
+        points[axis] = column
+    points['intensity'] = cloud.intensity
     points['ring'] = cloud.ring
-    points['timestamp'] = np.asarray(cloud.time) / 1e9
+    points['timestamp'] = cloud.time / 1e9
     points['index'] = np.arange(len(cloud))
     return points
 
 
-def as_files(clouds: Sequence[Cloud]) -> Verdict:
-    """Judge each cloud alone, as `clean` does; writing the answer is no part of the time."""
-    rejected: list[Bools] = []
-
-    def look(judged: JudgedFile) -> None:
-        rejected.append(judged.verdict.rejected)
-
-    with TemporaryDirectory() as folder:
-        paths = [_write(one, Path(folder)) for one in clouds]
-        output, dry = Path(folder, 'cleaned.pcd'), CleanOptions(dry=True)
-        # What is compiled or read once is no part of the time.
-        clean_file(paths[0], output, FilterParameters(), dry)
-        begin = perf_counter()
-        for path in paths:
-            clean_file(path, output, FilterParameters(), dry, inspect=look)
-        return Verdict(rejected, perf_counter() - begin, '')
-
-
-def _write(cloud: Cloud, folder: Path) -> Path:
-    """Write a cloud as PCD of x, y, z and intensity alone."""
-    path = folder / f'{Path(cloud.name).stem}.pcd'
-    path.write_bytes(PCD.format(len(cloud)).encode() + _points(cloud, FILE).tobytes())
-    return path
-
-
-def _points(cloud: Cloud, layout: np.dtype[np.void]) -> NDArray[np.void]:
-    points = np.zeros(len(cloud), layout)
-    for axis, column in zip('xyz', cloud.xyz.T, strict=True):
-        points[axis] = column
-    points['intensity'] = cloud.intensity
-    return points
-
-
 def load_network(path: Path) -> Any:
-    """Load the network.
-
-    Raises
-    ------
-    RecordingError
-        If onnxruntime is not installed, or the file is no network.
-
-    """
-    if find_spec('onnxruntime') is None:
-        raise RecordingError('the package onnxruntime', 'installed for --outdet', 'no such package')
+    """Load the network."""
     onnxruntime = import_module('onnxruntime')
-    try:
-        return onnxruntime.InferenceSession(path.read_bytes(), providers=['CPUExecutionProvider'])
-    except Exception as err:  # its errors have no common class
-        raise RecordingError(str(path), 'a network in an ONNX file', err) from err
+    return onnxruntime.InferenceSession(path.read_bytes(), providers=['CPUExecutionProvider'])
 
 
 def by_network(clouds: Sequence[Cloud], network: Any) -> Verdict:

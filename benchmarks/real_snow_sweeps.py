@@ -38,7 +38,6 @@ ON_RING = 0.02  # degrees from a ring; rings are 0.167 apart, and no point is 0.
 TURN = 100_000_000  # nanoseconds of a sweep that was left out
 START = 1_700_000_000_000_000_000  # nanoseconds: the files have no times of their own
 RANGES = (0.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0)  # metres; the last has no end
-SEED = 1  # of the order of points whose order is lost
 SNOW = 110
 CLASSES = {
     0: 'without a label',
@@ -98,36 +97,9 @@ class Sweep:
 
 
 def read_rings(path: Path) -> Rings:
-    """Read a table of lasers: number, elevation, azimuth, degrees, and nanoseconds of firing.
-
-    Raises
-    ------
-    RecordingError
-        If it is no such table.
-
-    """
-    try:
-        table = np.loadtxt(path, delimiter=',', skiprows=2, ndmin=2)
-    except (OSError, ValueError) as err:
-        raise RecordingError(str(path), 'a table of lasers', err) from err
-    if table.shape[1:] != (4,):
-        raise RecordingError(f'the columns of {path}', '4', table.shape[-1])
+    """Read a table of lasers: number, elevation, azimuth, degrees, and nanoseconds of firing."""
+    table = np.loadtxt(path, delimiter=',', skiprows=2, ndmin=2)
     return Rings(table[:, 1], table[:, 2], table[:, 3].astype(np.int64))
-
-
-def list_files(folder: Path, every: int) -> list[Path]:
-    """List every so many-th sweep of a folder, the first one among them.
-
-    Raises
-    ------
-    RecordingError
-        If there is none.
-
-    """
-    files = sorted((folder / 'sequences' / '36' / 'velodyne').glob('*.bin'))
-    if not files:
-        raise RecordingError(str(folder), 'with files sequences/36/velodyne/*.bin', 'none')
-    return files[::every]
 
 
 def read_sweeps(folder: Path, rings: Rings, every: int = 1) -> list[Sweep]:
@@ -139,8 +111,11 @@ def read_sweeps(folder: Path, rings: Rings, every: int = 1) -> list[Sweep]:
         If a file is missing or broken, or its points do not lie on the rings.
 
     """
+    files = sorted((folder / 'sequences' / '36' / 'velodyne').glob('*.bin'))
+    if not files:
+        raise RecordingError(str(folder), 'with files sequences/36/velodyne/*.bin', 'none')
     sweeps, begin = [], START
-    for path in list_files(folder, every):
+    for path in files[::every]:
         sweep, duration = read_sweep(path, rings, begin)
         sweeps.append(sweep)
         begin += duration + (every - 1) * TURN
@@ -173,10 +148,7 @@ def read_sweep(path: Path, rings: Rings, begin: int = START) -> tuple[Sweep, int
 
 def _numbers(path: Path, kind: str, columns: int) -> NDArray[np.generic]:
     """Read a file of plain numbers as so many columns."""
-    try:
-        data = path.read_bytes()
-    except OSError as err:
-        raise RecordingError(str(path), 'readable', err) from err
+    data = path.read_bytes()
     step = columns * np.dtype(kind).itemsize
     if len(data) % step:
         raise RecordingError(f'the bytes of {path.name}', f'a multiple of {step}', len(data))
@@ -243,7 +215,7 @@ class Cloud:
     name : of the sweep
     xyz : (N, 3) float32, metres
     intensity, label : (N,)
-    ring, time : (N,), nanoseconds; None in a form without
+    ring, time : (N,), nanoseconds
     source : (N,) int64, the index of the point that it is a copy of; its own, if it is none
 
     """
@@ -252,8 +224,8 @@ class Cloud:
     xyz: NDArray[np.float32]
     intensity: NDArray[np.float32]
     label: NDArray[np.uint16]
-    ring: NDArray[np.uint16] | None
-    time: Ints | None
+    ring: NDArray[np.uint16]
+    time: Ints
     source: Ints
 
     def __len__(self) -> int:
@@ -273,47 +245,33 @@ class Cloud:
         return found
 
 
-class Form(NamedTuple):
-    """What is given to a judge.
-
-    ``title`` says it, ``points`` chooses them, and ``bare`` are those without rings, times and
-    order. Peers, who use none of these, have the same figures in the form ``like`` it.
-    """
-
-    title: str
-    points: Callable[[Sweep], Bools]
-    bare: bool = False
-    like: str = ''
+def _all(sweep: Sweep) -> Bools:
+    return np.ones(len(sweep.label), np.bool_)
 
 
 def _last(sweep: Sweep) -> Bools:
     return ~sweep.second | (sweep.mate < 0)
 
 
-FORMS = {
-    'both': Form('both returns, with copies', lambda sweep: np.ones(len(sweep.label), np.bool_)),
-    'once': Form('both returns, copies once', lambda sweep: ~sweep.copy),
-    'last': Form('last return', _last),
-    'xyzi': Form('last return, as x, y, z, intensity', _last, bare=True, like='last'),
+# What is given to a judge: a title, and the points of a sweep.
+FORMS: dict[str, tuple[str, Callable[[Sweep], Bools]]] = {
+    'both': ('both returns, with copies', _all),
+    'last': ('last return', _last),
 }
 
 
-def cloud(sweep: Sweep, form: Form) -> Cloud:
-    """Give a sweep a form; of a bare one the order of the points is lost as well."""
-    given = form.points(sweep)
-    index = np.cumsum(given) - 1
+def cloud(sweep: Sweep, form: str) -> Cloud:
+    """Give a sweep a form."""
+    given = FORMS[form][1](sweep)
     where = np.flatnonzero(given)
-    source = index[np.where(sweep.copy, sweep.mate, np.arange(len(given)))[where]]
-    if form.bare:  # which has no copies
-        where = np.random.default_rng(SEED).permutation(where)
-        source = np.arange(len(where))
+    source = (np.cumsum(given) - 1)[np.where(sweep.copy, sweep.mate, np.arange(len(given)))[where]]
     return Cloud(
         sweep.name,
         sweep.xyz[where],
         sweep.intensity[where],
         sweep.label[where],
-        None if form.bare else sweep.ring[where],
-        None if form.bare else sweep.time[where],
+        sweep.ring[where],
+        sweep.time[where],
         source,
     )
 
