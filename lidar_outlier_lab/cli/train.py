@@ -103,12 +103,9 @@ def _run(options: argparse.Namespace) -> int:
     import_module('sklearn')  # before the work
     if options.profile and options.survey:
         raise FilterError('--profile', 'without --survey', 'both')
-    train, usual = _train_spinning, OUTPUT
-    if options.profile:
-        train, usual = _train_profile, PROFILE_OUTPUT
-    if options.survey:
-        train, usual = _train_survey, SURVEY_OUTPUT
-    output = options.output or usual
+    train = _train_scenes if options.profile or options.survey else _train_spinning
+    usual = SURVEY_OUTPUT if options.survey else OUTPUT
+    output = options.output or (PROFILE_OUTPUT if options.profile else usual)
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
     check_new(output)
@@ -138,33 +135,26 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
     return result.text, result.threshold, _tables(result.held_out)
 
 
-def _train_profile(options: argparse.Namespace, progress: Progress) -> _Trained:
+def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:
+    """Train on streets, or on surveys, that are simulated."""
     from lidar_outlier_filter import __version__
-    from lidar_outlier_lab.training.train_profile import STREETS, make_streets, train_profile
+    from lidar_outlier_lab.training import train_profile, train_survey
+    from lidar_outlier_lab.training.folds import train_in_folds
 
-    _check_alone(options, '--profile')
+    _check_alone(options, '--profile' if options.profile else '--survey')
+    scenes: Sequence[Any]
+    if options.profile:
+        recipe, scenes = train_profile.RECIPE, train_profile.make_streets(progress)
+    else:
+        recipe, scenes = train_survey.RECIPE, train_survey.make_scenes(progress)
+    what, count = recipe.what, len(scenes)
     about = {
-        'about': 'Two ensembles of trees for profile scanners, by lidar-outlier-filter train',
+        'about': f'Two ensembles of trees, trained on {what}s by lidar-outlier-filter train',
         'package': __version__,
-        'trained_on': {'streets': STREETS, 'street_seeds': [0, STREETS - 1]},
+        'trained_on': {f'{what}s': count, f'{what}_seeds': [0, count - 1]},
     }
-    streets = make_streets(STREETS, progress)
-    result = train_profile(streets, about, options.seed, progress=progress)
-    return result.text, result.threshold, [_profile_table(result.held_out)]
-
-
-def _train_survey(options: argparse.Namespace, progress: Progress) -> _Trained:
-    from lidar_outlier_filter import __version__
-    from lidar_outlier_lab.training.train_survey import SCENES, make_scenes, train_survey
-
-    _check_alone(options, '--survey')
-    about = {
-        'about': 'Two ensembles of trees for clouds without scan lines, by lidar-outlier-filter',
-        'package': __version__,
-        'trained_on': {'scenes': SCENES, 'scene_seeds': [0, SCENES - 1]},
-    }
-    result = train_survey(make_scenes(SCENES, progress), about, options.seed, progress=progress)
-    return result.text, result.threshold, [_survey_table(result.held_out)]
+    result = train_in_folds(scenes, recipe, about, options.seed, progress)
+    return result.text, result.threshold, [_scenes_table(result.held_out, what)]
 
 
 def _check_alone(options: argparse.Namespace, name: str) -> None:
@@ -193,19 +183,13 @@ def _table(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> Table:
     return table
 
 
-def _survey_table(held_out: Mapping[str, Any]) -> Table:
+def _scenes_table(held_out: Mapping[str, Any], what: str) -> Table:
     """Lay out the figures of the scenes left out."""
-    kinds = {**held_out['kinds'], 'all': held_out}
-    rows = {kind: (f'{one["f1"]:.3f}', f'{one["lost"]:.4%}') for kind, one in kinds.items()}
-    return _table(('kind of scene, left out', 'F1', 'good points lost'), rows)
-
-
-def _profile_table(held_out: Mapping[str, Any]) -> Table:
-    """Lay out the figures of the streets left out."""
     rows = {cause: (f'{share:.2%}',) for cause, share in held_out['recall'].items()}
-    rows['good points'] = (f'{held_out["lost"]:.4%}',)
-    rows['of the median street'] = (f'{held_out["lost_of_median_street"]:.4%}',)
-    return _table(('cause, street left out', 'found'), rows)
+    rows['F1'] = (f'{held_out["f1"]:.3f}',)
+    rows['good points lost'] = (f'{held_out["lost"]:.4%}',)
+    rows[f'of the median kind of {what}'] = (f'{held_out["lost_of_median_kind"]:.4%}',)
+    return _table((f'cause, {what} left out', 'found'), rows)
 
 
 def _folder(options: argparse.Namespace) -> Path | None:

@@ -14,7 +14,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVE
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, training_scene
-from lidar_outlier_lab.training.train_survey import SCENES, train_survey
+from lidar_outlier_lab.training.folds import train_in_folds
+from lidar_outlier_lab.training.train_survey import RECIPE, SCENES, see
 
 if TYPE_CHECKING:
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
@@ -54,7 +55,12 @@ def test_errors_come_behind_the_points() -> None:
 
 def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
     """The same scenes give the same bytes, which say what they saw."""
-    first, second = (train_survey(walls, {'about': 'a test'}, rounds=(4, 4)) for _ in range(2))
+    first, second = (
+        train_in_folds(
+            [see(one) for one in walls], RECIPE._replace(rounds=(4, 4)), {'about': 'a test'}
+        )
+        for _ in range(2)
+    )
     assert first.text == second.text
     data = json.loads(first.text)
     assert data['uses'] == list(NAMES[SURVEY_MODEL][1])
@@ -66,7 +72,7 @@ def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
 def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
     """Too few scenes, and scenes without outliers, are refused."""
     with pytest.raises(FilterError, match='the training scenes must be at least 3, got 2'):
-        train_survey(walls[:2], {})
-    clean = [scene._replace(cause=np.zeros_like(scene.cause)) for scene in walls]
+        train_in_folds([see(one) for one in walls[:2]], RECIPE, {})
+    clean = [see(scene._replace(cause=np.zeros_like(scene.cause))) for scene in walls]
     with pytest.raises(FilterError, match='the training scenes must be ones with outliers'):
-        train_survey(clean, {})
+        train_in_folds(clean, RECIPE, {})
