@@ -85,7 +85,7 @@ def main() -> None:
     recordings = [(one.sensor, read_sweeps(one)) for one in known_recordings(options.data / 'bags')]
     recordings += read_single_sweeps(options.data)
     scanners = known_scanners(options.data / 'ring_tables')
-    sweeps = make_sweeps(recordings, scanners, SEED, ('recordings', 'streets'))
+    sweeps = make_sweeps(recordings, scanners, SEED)
     known = held_out(sweeps, ())
     rows = [
         row(kind, known[kind], unseen[kind])

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
 SURVEY_OUTPUT = Path('survey_model.json')
-BOTH = ('recordings', 'streets')
 
 
 def add_train(commands: Commands) -> None:
@@ -72,14 +71,6 @@ def add_train(commands: Commands) -> None:
         default=[],
         metavar='RECORDING',
         help='clean recordings of your own, each of another spinning sensor',
-    )
-    parser.add_argument(
-        '--train-on',
-        nargs='+',
-        choices=BOTH,
-        default=BOTH,
-        metavar='S',
-        help=f'{" and ".join(BOTH)}, or only one; the other is judged only; default: both',
     )
     add_parameter_options(parser)
     parser.add_argument(
@@ -128,8 +119,8 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    sweeps = make_sweeps(recordings, scanners, options.seed, options.train_on, progress)
-    about = _about([name for name, _ in recordings], [*scanners], options.train_on)
+    sweeps = make_sweeps(recordings, scanners, options.seed, progress)
+    about = _about([name for name, _ in recordings], [*scanners])
     recipe = Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
     return result.text, result.threshold, _tables(result.held_out)
@@ -162,7 +153,6 @@ def _check_alone(options: argparse.Namespace, name: str) -> None:
     given = {
         '--data': options.data,
         '--onto': options.onto,
-        '--train-on': options.train_on is not BOTH,
         '--params': options.params,
         '--set': options.settings,
     }
@@ -234,7 +224,7 @@ def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
     return {} if folder is None else known_scanners(folder / 'ring_tables')
 
 
-def _about(sensors: list[str], scanners: list[str], train_on: list[str]) -> dict[str, Any]:
+def _about(sensors: list[str], scanners: list[str]) -> dict[str, Any]:
     from lidar_outlier_filter import __version__
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
     from lidar_outlier_lab.training.scenes import (
@@ -249,12 +239,12 @@ def _about(sensors: list[str], scanners: list[str], train_on: list[str]) -> dict
         'about': 'Two ensembles of trees for spinning sensors, by lidar-outlier-filter train',
         'package': __version__,
         'trained_on': {
-            'recordings': sensors if 'recordings' in train_on else [],
+            'recordings': sensors,
             'weather': list(WEATHERS),
             'sweeps_of_each': OF_EACH,
-            'simulated': scanners if 'streets' in train_on else [],
+            'simulated': scanners,
             'simulated_seeds': list(TABLE_SEEDS),
-            'streets': list(STREETS) if 'streets' in train_on else [],
+            'streets': list(STREETS),
             'street_seeds': list(STREET_SEEDS),
             'street_seed_held_out': STREET_SEED_HELD_OUT,
         },

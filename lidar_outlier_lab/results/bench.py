@@ -19,11 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels.threads import cores
-from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
@@ -41,12 +38,9 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.annotations import Floats
 
-LINES, SHOTS = 300, 1000
-BLOCK = 20  # lines that the stream hands over at once: 0.1 s at 200 lines/s
+SHOTS = 1000  # of a scan line
 NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peers' statistical outlier removal
 ROUNDS = 5
-SIDES = ('both', 'either')
-FORM = 'alpha_beta_gamma.sides'
 SPATIAL = ('quadric', 'lof', 'sor')
 CHAINS = (('boosted_trees',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
 SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
@@ -55,7 +49,6 @@ SLOWER = 160.0  # scan lines a second of another profile scanner; 150 have no wh
 SECONDS = 4.0  # of the demo's drive
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 SLOW = 8  # part of the cloud that slow peers get
-FLOOR = 48  # bytes of a point that are read and written at least
 COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
 MOST_CORES = 2
 PEERS = ('open3d', 'sklearn')
@@ -85,16 +78,6 @@ class Work:
         """Million points per second, in the median round."""
         return self.points / median(self.seconds) / 1e6
 
-    def times(self, other: Work) -> float:
-        """Say how many times faster than another, in the median round.
-
-        Both ran in each round, so that what slows the machine down for a while slows both.
-        """
-        return median(
-            (self.points / mine) / (other.points / its)
-            for mine, its in zip(self.seconds, other.seconds, strict=True)
-        )
-
 
 def measure(works: Sequence[Work]) -> None:
     """Time all works in turn, in rounds, after one that does not count."""
@@ -104,36 +87,6 @@ def measure(works: Sequence[Work]) -> None:
             work.call()
             if number:
                 work.seconds.append(perf_counter() - begin)
-
-
-def profile_lines(count: int, seed: int = 1) -> Points:
-    """Make scan lines of a profile scanner over a flat road: 8 mm noise, 1 % outliers above."""
-    rng = np.random.default_rng(seed)
-    across = np.tile(2.5 * np.tan(np.linspace(-1.2, 1.2, SHOTS)), count)
-    along = np.repeat(0.05 * np.arange(count), SHOTS)
-    xyz = np.stack([along, across, np.zeros(count * SHOTS)], axis=1)
-    xyz += rng.normal(0.0, 0.008, xyz.shape)
-    stray = rng.random(len(xyz)) < 0.01  # noqa: PLR2004  the share of outliers
-    xyz[stray, 2] += rng.uniform(0.2, 2.0, np.count_nonzero(stray))
-    t = 5000 * np.arange(count * SHOTS)
-    line = np.repeat(np.arange(count), SHOTS)
-    return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
-
-
-def smoother_work(sides: str) -> Work:
-    """Smooth lines block by block: lines, segments, predictions, tests, all passes."""
-    points = profile_lines(LINES)
-    size = BLOCK * SHOTS
-    blocks = [points.take(slice(i, i + size)) for i in range(0, len(points), size)]
-    parameters = FilterParameters().changed({FORM: sides})
-    name = f'smoother on lines of {SHOTS} points, sides: {sides}'
-
-    def smooth() -> None:
-        for block in blocks:
-            lines = scan_lines.find_lines(block, parameters.gap_factor)
-            alpha_beta_gamma.detect(block, lines, parameters.of(AlphaBetaGamma))
-
-    return Work(name, len(points), smooth)
 
 
 def spatial_work(xyz: Floats, detector: str) -> Work:
@@ -198,13 +151,6 @@ def peer_works(xyz: Floats) -> list[Work]:
     return works
 
 
-def floor_work(count: int) -> Work:
-    """Copy as many bytes as points have at least: nothing that reads and writes them is faster."""
-    source = np.ones(count * FLOOR // 8)
-    target = np.empty_like(source)
-    return Work(f'copy of {FLOOR} bytes', count, lambda: np.copyto(target, source))
-
-
 def coordinates(messages: list[Any]) -> Floats:
     """Return the returns of clouds (N, 3), metres."""
     parts = [structured(msg).reshape(-1) for msg in messages]
@@ -232,9 +178,8 @@ def run(console: Console, page: Path | None = None) -> int:
 
 def _tables(messages: list[Any], xyz: Floats) -> Iterator[tuple[str, str]]:
     works = [stream_work(messages, chain) for chain in CHAINS]
-    works += [smoother_work(sides) for sides in SIDES]
     works += [spatial_work(xyz, name) for name in SPATIAL]
-    works += [*peer_works(xyz), floor_work(len(xyz))]
+    works += peer_works(xyz)
     yield 'The demo: a profile scanner', speeds(works)
     slower = profile_messages(SLOWER)
     works = [stream_work(slower, CHAINS[0])]
@@ -263,7 +208,7 @@ def speeds(works: Sequence[Work]) -> str:
     for row in every:
         most = row[-1]
         cells = [most.name, f'{most.points:,}', *(f'{one.speed:.2f}' for one in row)]
-        cells += [f'{most.nanoseconds:.0f}', *([f'{most.times(peer):.2f}'] if peer else [])]
+        cells += [f'{most.nanoseconds:.0f}', *([f'{most.speed / peer.speed:.2f}'] if peer else [])]
         rows.append(cells)
     return markdown.table(head, rows)
 

@@ -27,7 +27,7 @@ from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.train import Sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from lidar_outlier_filter.core.annotations import Floats, Progress, Singles
@@ -103,24 +103,21 @@ def has_pattern(points: Points) -> bool:
     return find_pattern(points, spins=True) is not None
 
 
-def recorded_sweeps(
-    sensor: str, clouds: Sequence[Points], seed: int, *, trains: bool = True
-) -> list[Sweep]:
+def recorded_sweeps(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
     """Take clouds as they are, and put every weather into some of them.
 
     Of these, some measure the strongest return of each beam, some the last, and some two.
     """
     sweeps = [
-        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, nothing, trains)
+        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, np.zeros(len(points), np.bool_))
         for k, points in enumerate(clouds)
-        for nothing in (np.zeros(len(points), np.bool_),)
     ]
     for weather in () if sensor in DOMES else WEATHERS:
         for k in range(OF_EACH):
             name = f'{sensor} {weather} {k}'
             chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
             points, outlier = put_weather(clouds[k % len(clouds)], weather, chances, returns)
-            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains))
+            sweeps.append(Sweep(name, sensor, weather, points, outlier))
     return sweeps
 
 
@@ -208,7 +205,7 @@ def _intensities(
     return np.clip(np.rint(bright), 0.0, known.max()).astype(np.float32)
 
 
-def street_sweeps(name: str, *, trains: bool = True) -> list[Sweep]:
+def street_sweeps(name: str) -> list[Sweep]:
     """Simulate a street: some turns of two seeds to train on, and of a third to judge."""
     found = []
     for seed in (*STREET_SEEDS, STREET_SEED_HELD_OUT):
@@ -221,7 +218,7 @@ def street_sweeps(name: str, *, trains: bool = True) -> list[Sweep]:
             judged = seed == STREET_SEED_HELD_OUT
             title = f'{name} seed {seed} turn {turn}'
             some = points.take(points.valid)
-            found.append(Sweep(title, name, STREET, some, outlier, trains and not judged, judged))
+            found.append(Sweep(title, name, STREET, some, outlier, not judged, judged))
     return found
 
 
@@ -253,7 +250,6 @@ def make_sweeps(
     recordings: Sequence[tuple[str, Sequence[Points]]],
     scanners: Mapping[str, SpinningScanner],
     seed: int,
-    train_on: Iterable[str],
     progress: Progress = lambda _done, _total, _what: None,
 ) -> list[Sweep]:
     """Make everything that trees are trained on and judged by.
@@ -263,20 +259,18 @@ def make_sweeps(
     recordings : names of sensors, and clean clouds of each
     scanners : simulated sensors with published rings, by the names of real ones
     seed : of the weather, from 0
-    train_on : 'recordings', 'streets' or both; the others are judged only
     progress : is called before every sensor: how many of how many are done, and of what
 
     """
-    requested, total = {*train_on}, len(recordings) + len(scanners) + len(STREETS)
+    total = len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
-        sweeps += recorded_sweeps(sensor, clouds, seed, trains='recordings' in requested)
-    simulated = scanners if 'streets' in requested else {}
-    for number, (sensor, scanner) in enumerate(simulated.items(), len(recordings)):
+        sweeps += recorded_sweeps(sensor, clouds, seed)
+    for number, (sensor, scanner) in enumerate(scanners.items(), len(recordings)):
         progress(number, total, f'streets for {sensor}')
         sweeps += simulated_sweeps(sensor, scanner, seed)
     for number, name in enumerate(STREETS, len(recordings) + len(scanners)):
         progress(number, total, name)
-        sweeps += street_sweeps(name, trains='streets' in requested)
+        sweeps += street_sweeps(name)
     return sweeps

@@ -42,11 +42,10 @@ def test_streets_differ_and_repeat() -> None:
 
 @pytest.mark.slow
 def test_file_is_complete_and_repeats() -> None:
-    """The same seed gives the same bytes, another one others; the file says what it is."""
+    """The same seed gives the same bytes; the file says what it is."""
     about = {'about': 'a test', 'trained_on': {'streets': 3}}
     text = train_in_folds(streets(), FEW, about, 1).text
     assert train_in_folds(streets(), FEW, about, 1).text == text
-    assert train_in_folds(streets(), FEW, about, 2).text != text
     data = json.loads(text)
     assert data.items() >= about.items()
     assert (data['seed'], data['streets']) == (1, [f'street {n}' for n in range(3)])
