@@ -33,7 +33,7 @@ FOLDS = 3
 DIGITS = 6
 
 
-class Scene(Protocol):
+class TrainingScene(Protocol):
     """A scene to train on. What a pass gives its points has a form of its own, ``odds``."""
 
     @property
@@ -69,7 +69,7 @@ class Scene(Protocol):
         ...
 
 
-class Recipe(NamedTuple):
+class SceneRecipe(NamedTuple):
     """How ensembles are trained; pairs are for both passes.
 
     Attributes
@@ -103,8 +103,8 @@ class Recipe(NamedTuple):
 
 
 def train_in_folds(
-    scenes: Sequence[Scene],
-    recipe: Recipe,
+    scenes: Sequence[TrainingScene],
+    recipe: SceneRecipe,
     about: Mapping[str, Any],
     seed: int = 1,
     progress: Progress = lambda _done, _total, _what: None,
@@ -158,9 +158,9 @@ def train_in_folds(
 
 
 def _pass(
-    scenes: Sequence[Scene],
+    scenes: Sequence[TrainingScene],
     odds: Sequence[Any] | None,
-    recipe: Recipe,
+    recipe: SceneRecipe,
     seed: int,
     progress: Progress,
 ) -> tuple[dict[str, Any], list[Any]]:
@@ -187,8 +187,8 @@ def _pass(
 
 
 def _draw(
-    scene: Scene,
-    recipe: Recipe,
+    scene: TrainingScene,
+    recipe: SceneRecipe,
     again: bool,  # noqa: FBT001  the index of a pass
     rng: np.random.Generator,
     odds: Any,
@@ -210,7 +210,9 @@ def _draw(
     return Drawn(features(row), code[row] > 0, np.concatenate(weights))
 
 
-def _choose_threshold(scenes: Sequence[Scene], odds: Sequence[Singles], recipe: Recipe) -> float:
+def _choose_threshold(
+    scenes: Sequence[TrainingScene], odds: Sequence[Singles], recipe: SceneRecipe
+) -> float:
     """Choose the least threshold that leaves good points alone; where none does, the greatest.
 
     By the median kind of scene: there are kinds where points that are right look like outliers.
@@ -226,7 +228,7 @@ def _choose_threshold(scenes: Sequence[Scene], odds: Sequence[Singles], recipe: 
 
 
 def _figures(
-    scenes: Sequence[Scene], rejected: Sequence[Bools], doubtful: Bools, recipe: Recipe
+    scenes: Sequence[TrainingScene], rejected: Sequence[Bools], doubtful: Bools, recipe: SceneRecipe
 ) -> dict[str, Any]:
     """Say what a threshold gives on scenes that were left out: by kind, by cause, and together."""
     kinds = {}
@@ -247,7 +249,7 @@ def _figures(
     }
 
 
-def _counted(code: Ints, rejected: Bools, recipe: Recipe) -> dict[str, float]:
+def _counted(code: Ints, rejected: Bools, recipe: SceneRecipe) -> dict[str, float]:
     counted = ~np.isin(code, list(recipe.neither))
     bad, rejected = code[counted] > 0, rejected[counted]
     both, total = int((rejected & bad).sum()), int(rejected.sum()) + int(bad.sum())

@@ -21,7 +21,7 @@ from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.simulation.world.drive import simulate
-from lidar_outlier_lab.training.folds import Recipe
+from lidar_outlier_lab.training.folds import SceneRecipe
 from lidar_outlier_lab.training.learner import judge_pass, window_features
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 MEASURED = [*WINDOW].index('bright')  # features of the window: these scanners need no intensities
 NAMES = (*[*WINDOW][:MEASURED], *PROFILE)
 MIN_BLOCK_POINTS = 1000  # points of a block, fewer are left out
-RECIPE = Recipe(
+RECIPE = SceneRecipe(
     what='street',
     names=(NAMES, (*NAMES, *SECOND_PASS)),
     rounds=(100, 120),

@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene
-from lidar_outlier_lab.training.folds import FOLDS, Recipe
+from lidar_outlier_lab.training.folds import FOLDS, SceneRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 
 SCENES = 90
-RECIPE = Recipe(
+RECIPE = SceneRecipe(
     what='scene',
     names=NAMES[SURVEY_MODEL],
     rounds=(80, 220),
