@@ -22,7 +22,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
+from lidar_outlier_filter.core.neighbours.tree_walks import gap, height
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats, Index, Ints

@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.builtin import Lof
-from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median, noalias_kernel
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 LISTED = -1  # the row of points that have none of their own
+CHUNK = 4096  # points that a thread takes at once
 SHORT = 64  # neighbours that are sorted by insertion
 
 
@@ -140,7 +140,7 @@ def compare(factor: Floats, parameters: Lof) -> Floats:
 def _factors(neighbourhood: Neighbourhood, k: int) -> Floats:
     """Return the LOF of all points, in tree order; the work is linear however many coincide."""
     xyz = neighbourhood.xyz
-    square = squared_k_distances(neighbourhood, k)
+    square = neighbourhood.squared_distances(k)
     stacked, first_there = _unstack(neighbourhood, k, square)
     if not square.any():
         return np.ones(len(xyz))
@@ -176,7 +176,7 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
     if most > 0:
         alone = Neighbourhood(xyz[first], most, neighbourhood.threads)
         distinct = np.empty(len(first))
-        distinct[alone.order] = squared_k_distances(alone, most)
+        distinct[alone.order] = alone.squared_distances(most)
         square[stacked] = distinct[place]
     return stacked, first[place]
 

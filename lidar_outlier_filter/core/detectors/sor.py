@@ -43,7 +43,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.builtin import Sor
-from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median
@@ -57,6 +56,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.filter import FilterParameters
+
+CHUNK = 4096  # points that a thread takes at once
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -163,7 +164,7 @@ def _radius(neighbourhood: Neighbourhood, least: int) -> Floats:
     count = len(neighbourhood)
     result = np.full(count, np.inf)
     if count > least:
-        result[neighbourhood.order] = np.sqrt(squared_k_distances(neighbourhood, least))
+        result[neighbourhood.order] = np.sqrt(neighbourhood.squared_distances(least))
     return result
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.distances import squared_distances, squared_k_distances
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_walks import squared_distances
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,7 +119,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     alone = np.take(few, find_places(few).first, axis=0)
     if len(alone) <= K:
         return MIN_SCALE_M
-    distance = np.median(np.sqrt(squared_k_distances(Neighbourhood(alone, K, threads), K)))
+    distance = np.median(np.sqrt(Neighbourhood(alone, K, threads).squared_distances(K)))
     # On a surface, distances are as the square root of the area that each point has.
     return float(distance * np.sqrt(len(few) / len(where))) + MIN_SCALE_M
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.neighbours import tree_search, tree_steps, tree_walks
+from lidar_outlier_filter.core.neighbours import tree_search, tree_walks
 from lidar_outlier_filter.core.neighbours.tree_build import Tree, build, prune
 from lidar_outlier_filter.errors import FilterError
 
@@ -155,6 +155,10 @@ class Neighbourhood:
         )
         return Nearest(nearest.index[:, :k], tied)
 
+    def squared_distances(self, k: int) -> Floats:
+        """Return, (N,) in tree order, the squared distance of each point to its k-th neighbour."""
+        return tree_walks.squared_distances(self.xyz, self.nearest(k).index[:, -1])
+
     def without(self, rejected: Bools) -> Neighbourhood:
         """Return the neighbourhood of the points that are left, numbered anew in the same order.
 
@@ -212,7 +216,7 @@ class Neighbourhood:
             raise FilterError('squared distances', f'{which.shape} without NaN', squared)
         offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
         _, xyz, tree = self._build()
-        levels = tree_steps.height(tree)
+        levels = tree_walks.height(tree)
 
         def walk(i: int, j: int) -> Ints:
             these = which[i:j], squared[i:j], offsets[i : j + 1]
@@ -266,7 +270,7 @@ class Neighbourhood:
     def _search(self, nearest: Nearest, row: Index) -> None:
         """Write the lists of the points whose row is not negative."""
         order, xyz, tree = self._build()
-        levels, leaves = tree_steps.height(tree), tree_steps.leaves(tree)
+        levels, leaves = tree_walks.height(tree), tree_walks.leaves(tree)
         lists = tree_search.Lists(order, row, *nearest)
         pool.run(
             lambda i, j: tree_search.search(xyz, tree, leaves[i:j], levels, lists),

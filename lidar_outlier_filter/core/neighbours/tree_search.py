@@ -28,12 +28,12 @@ from lidar_outlier_filter.core.neighbours.smallest import (
     tighten,
 )
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, make_buffers, push, seen
+from lidar_outlier_filter.core.neighbours.tree_walks import gap, make_buffers, push, seen
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_steps import Bounds, Buffers
+    from lidar_outlier_filter.core.neighbours.tree_walks import Bounds, Buffers
 
 # What to expect of the next leaf: the mean distance of the k-th neighbours in the last one, times
 # this; and of the next point: the last one's, times that.

@@ -1,19 +1,135 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a kd-tree within a distance, and lists that are kept when points are removed."""
+"""Walks through a kd-tree: what searches share, points within a distance, lists that are kept.
+
+Distances are squared everywhere. The gap to a box is never more than the distance to a point in it,
+not even by rounding, because both are computed alike and every operation rounds monotonically: what
+is left out for a gap strictly greater than a bound could not have tied with it.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
-from lidar_outlier_filter.core.neighbours.tree_steps import gap
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
+
+    Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner
+
+HELD, HELD_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
+
+
+class Buffers(NamedTuple):
+    """Buffers of one thread, in rows of R.
+
+    Attributes
+    ----------
+    x, y, z : (R,) float64
+        Coordinates of the candidates side by side.
+    found : (R,) int64
+        Their indices in tree order.
+    distance : (R,) float64
+        Theirs from the point that is searched, squared.
+    few, few_index : (R,) float64, int64
+        Distances and indices of those that may be among its k nearest.
+    best, best_index : (R,) float64, int64
+        The same, sorted.
+    nodes, gaps : (H,) int64, float64
+        A stack for walks through the tree.
+
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    found: Ints
+    distance: Floats
+    few: Floats
+    few_index: Ints
+    best: Floats
+    best_index: Ints
+    nodes: Ints
+    gaps: Floats
+
+
+@device_function
+def make_buffers(k: int, levels: int) -> Buffers:
+    """Make buffers for searches of k neighbours in a tree of so many levels."""
+    floats = np.empty((6, HELD + HELD_EACH * k))
+    ints = np.empty((3, HELD + HELD_EACH * k), np.int64)
+    return Buffers(
+        *(floats[0], floats[1], floats[2], ints[0], floats[3], floats[4], ints[1]),
+        *(floats[5], ints[2], np.empty(levels + 1, np.int64), np.empty(levels + 1)),
+    )
+
+
+@kernel
+def height(tree: Tree) -> int:
+    """Count the levels of a tree."""
+    level = np.empty(len(tree.child), np.int64)
+    most = level[0] = 1
+    for node in range(len(level)):
+        child = tree.child[node]
+        most = max(most, level[node])
+        if child >= 0:
+            level[child] = level[child + 1] = level[node] + 1
+    return most
+
+
+@kernel
+def leaves(tree: Tree) -> Ints:
+    """List the leaves in the order of their points."""
+    found, stack = np.empty(len(tree.child), np.int64), np.empty(len(tree.child), np.int64)
+    count, stack[0], waiting = 0, 0, 1
+    while waiting > 0:
+        node = stack[waiting - 1]
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting - 1], stack[waiting] = child + 1, child
+            waiting += 1
+        else:
+            found[count] = node
+            count, waiting = count + 1, waiting - 1
+    return found[:count].copy()
+
+
+@noalias_kernel
+def gap(tree: Tree, node: int, box: Bounds) -> float:
+    """Return the squared distance between a box, which may be a point, and that of a node."""
+    dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
+    dy = max(tree.low[node, 1] - box[4], box[1] - tree.high[node, 1], 0.0)
+    dz = max(tree.low[node, 2] - box[5], box[2] - tree.high[node, 2], 0.0)
+    return float((dx * dx + dy * dy) + dz * dz)
+
+
+@noalias_kernel
+def seen(tree: Tree, leaf: int, k: int) -> int:
+    """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
+
+    Where more coincide than a leaf holds, only the first: they are those of the lowest index. One
+    of them may be the point that is searched, and one more says that there is a tie.
+    """
+    first, last = tree.first[leaf], tree.last[leaf]
+    return int(last if last - first <= LEAF else min(last, first + k + 2))
+
+
+@noalias_kernel
+def push(tree: Tree, node: int, box: Bounds, nodes: Ints, gaps: Floats, waiting: int) -> int:
+    """Put the children of a node on the stack, the nearer one on top."""
+    near = tree.child[node]
+    far = near + 1
+    near_gap, far_gap = gap(tree, near, box), gap(tree, far, box)
+    if far_gap < near_gap:
+        near, far, near_gap, far_gap = far, near, far_gap, near_gap
+    nodes[waiting], gaps[waiting] = far, far_gap
+    nodes[waiting + 1], gaps[waiting + 1] = near, near_gap
+    return waiting + 2
 
 
 @noalias_kernel
@@ -94,3 +210,12 @@ def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Ind
                     found[count] = p
                 count += 1
     return count
+
+
+@kernel
+def squared_distances(xyz: Floats, others: Index) -> Floats:
+    """Return, (N,), the squared distance of each of N points to another one, m²."""
+    result = np.empty(len(others))
+    for p in range(len(others)):
+        result[p] = squared(xyz, p, others[p])
+    return result

@@ -11,7 +11,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
-from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
@@ -144,7 +143,7 @@ def _share(of: Bools, which: Bools) -> Share:
 def measure_pcl(near: Neighbourhood, k: int) -> Floats:
     """Return the factor of every point, (N,) as given; no k points may coincide, k at least 2."""
     others = near.nearest(k - 1).index
-    density = _densities(near.xyz, others, squared_k_distances(near, k - 1))
+    density = _densities(near.xyz, others, near.squared_distances(k - 1))
     factor = np.empty(len(near))
     factor[near.order] = _factors(others, density)
     return factor

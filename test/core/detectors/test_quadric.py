@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_steps import height
+from lidar_outlier_filter.core.neighbours.tree_walks import height
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.neighbours import neighbourhood as neighbours
 from lidar_outlier_filter.core.neighbours.neighbourhood import Nearest, Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF, SUBTREE
-from lidar_outlier_filter.core.neighbours.tree_steps import height
+from lidar_outlier_filter.core.neighbours.tree_walks import height
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:

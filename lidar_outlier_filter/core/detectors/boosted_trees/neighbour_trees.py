@@ -33,7 +33,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     add_lanes,
     load,
 )
-from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -115,7 +114,7 @@ def score(odds: Floats, threshold: float) -> Floats:
 
 def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
-    radius, unknown = np.sqrt(squared_k_distances(hood, K)), np.zeros(len(hood), np.bool_)
+    radius, unknown = np.sqrt(hood.squared_distances(K)), np.zeros(len(hood), np.bool_)
     near = Near(hood.xyz, hood.nearest(K).index, radius, around, unknown)
     some, is_large = np.flatnonzero(numbers(hood.xyz) % SAMPLED == 0), unknown.copy()
     pool.run(

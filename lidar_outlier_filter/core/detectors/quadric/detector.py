@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, height, leaves
+from lidar_outlier_filter.core.neighbours.tree_walks import gap, height, leaves
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_steps import Bounds
+    from lidar_outlier_filter.core.neighbours.tree_walks import Bounds
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECTIONS = 64  # that a thread judges at once

@@ -15,7 +15,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
-from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.neighbours import duplicates
 from lidar_outlier_filter.core.neighbours.duplicates import (
     MIN_SCALE_M,
@@ -242,7 +241,7 @@ def test_typical_scale() -> None:
     """It is that of an even surface, from all points or few, in any order."""
     for count in (5000, 60_000):
         xyz = np.random.default_rng(7).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.01), (count, 3))
-        radius = np.median(np.sqrt(squared_k_distances(Neighbourhood(xyz, K), K)))
+        radius = np.median(np.sqrt(Neighbourhood(xyz, K).squared_distances(K)))
         found = scale_of(xyz)
         assert found == pytest.approx(radius, rel=0.1)
         order = np.random.default_rng(8).permutation(count)
