@@ -93,7 +93,8 @@ def main() -> None:
         for values in settings(name):
             given = {'chain': [name], 'scores': True, **values}
             parameters = FilterParameters().changed(given)
-            for points in made:
+            # Other choices judge what scanners have seen, and the oddest neighbours.
+            for points in made[-7:] if values else made:
                 Chain(parameters).judge(points)
                 if name in why and len(points) > 1:
                     every = np.ones(len(points), np.bool_)

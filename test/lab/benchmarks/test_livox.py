@@ -7,7 +7,6 @@ from __future__ import annotations
 import runpy
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers import ROOT
 
@@ -29,19 +28,3 @@ def test_free_scanners_are_judged_well(livox: dict[str, Any]) -> None:
     assert found_free.f1 > 0.95
     assert found_free.lost < 0.002
     assert livox['by_default'](dry.points, dry.outlier).lost < 0.002
-
-
-def test_rows(livox: dict[str, Any]) -> None:
-    """A row says what everybody finds; peers have the best threshold of the cloud."""
-    judged = livox['Judged']()
-    (snow,) = (sweep for sweep in livox['sweeps']('Mid-40', 3) if sweep.kind == 'light_snow')
-    livox['look'](judged, snow)
-    found = dict(zip(livox['HEAD'][2:], livox['cells']('light_snow', judged, {}), strict=True))
-    count = livox['by_default'](snow.points, snow.outlier)
-    assert found['`free`'] == f'{count.f1:.2f} ({100 * count.lost:.2f} %)'
-    far = livox['OTHERS']['DROR'](snow.points)
-    best = 0.0
-    for limit in np.unique(far[snow.outlier]):
-        right = (far[snow.outlier] >= limit).sum()
-        best = max(best, 2.0 * right / ((far >= limit).sum() + snow.outlier.sum()))
-    assert float(found['DROR'].split()[0]) == pytest.approx(best, abs=0.02)

@@ -14,10 +14,9 @@ from helpers.labelled import BAD, rows
 
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
-from lidar_outlier_lab.results import contest, contest_page, contestants
-from lidar_outlier_lab.results.contest import Record, Standing, compete, score, standings
+from lidar_outlier_lab.results import contest_page, contestants
+from lidar_outlier_lab.results.contest import Record, Standing, score, standings
 from lidar_outlier_lab.results.contest_page import Target
 from lidar_outlier_lab.results.contestants import DEFAULT, Judgement, ours, peer, peers
 from lidar_outlier_lab.results.samples import Sample, simulated
@@ -46,22 +45,6 @@ def test_a_recording_is_streamed(
     np.testing.assert_array_equal(sample.data.good, ~sample.data.bad)
     assert [len(xyz) for xyz in sample.clouds] == [size * len(BAD) for size in sizes]
     assert (np.diff(sample.data.stretch) >= 0).all()
-
-
-def test_without_times_there_are_no_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cloud of one instant is judged as a whole, and not by the smoother."""
-    cloud = rows()
-    cloud['t'] = 0
-    monkeypatch.setattr(
-        presets, 'make', lambda *_given, **_more: iter([Cloud(START, START, cloud)])
-    )
-    (sample,) = simulated('street-16', 7)
-    assert not sample.timed
-    assert not sample.data.streamed
-    assert not sample.suits(('lof', 'alpha_beta_gamma'))
-    assert sample.suits(('lof',))
-    verdict = sample.data.judge(FilterParameters().changed({'chain': ['sor']}))
-    assert len(verdict) == len(BAD)
 
 
 # Contestants --------------------------------------------------------------------------------------
@@ -143,24 +126,6 @@ def test_all_is_counted() -> None:
     assert 0 < one.auc < 1
     assert one.best >= whole.f1
     assert math.isnan(score(none, sample).auc)
-
-
-def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A preset and seed are simulated once for all, and only those compete whom it suits."""
-    made: list[tuple[str, int]] = []
-
-    def make(preset: str, seed: int, _progress: object) -> list[Sample]:
-        made.append((preset, seed))
-        return simulated('sotoodeh-hod', seed)
-
-    monkeypatch.setattr(contest, 'simulated', make)
-    result: list[tuple[int, int, str]] = []
-    everybody = [ours('smoother', {'chain': ['alpha_beta_gamma']}), ours('sor', {'chain': ['sor']})]
-    entries = [('sotoodeh-hod', seed, everybody) for seed in (1, 2)]
-    records = compete(entries, lambda *what: result.append(what))
-    assert made == [('sotoodeh-hod', 1), ('sotoodeh-hod', 2)]
-    assert [(one.contestant, one.seed) for one in records] == [('sor', 1), ('sor', 2)]
-    assert all(done <= total for done, total, _ in result)
 
 
 def test_targets_beside_others() -> None:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from lidar_outlier_lab.simulation.world.drive import Drive
 
-RUNS = ('paper', 'default', 'snow_default')
 FILES = {
     '.lidar_outlier_filter_demo',
     'drive',

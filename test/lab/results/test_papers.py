@@ -18,16 +18,14 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.cli.results import PAPERS
 from lidar_outlier_lab.results.papers import kang, leslar, pirotti, pirotti_buses, roc
-from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
-from lidar_outlier_lab.results.papers.methods import METHODS, Counted, count
+from lidar_outlier_lab.results.papers.methods import METHODS, count
 from lidar_outlier_lab.results.samples import Sample
-from lidar_outlier_lab.simulation.papers import aerial, surface_truth
+from lidar_outlier_lab.simulation.papers import aerial
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,28 +73,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 # Sotoodeh -----------------------------------------------------------------------------------------
-
-
-def test_tables_of_2006() -> None:
-    """Images, checks of the surface, and the verdict as two by two, each beside the paper's."""
-    assert '| focal length | 153.59 mm | –: no images |' in lof._images()
-    xyz = np.zeros((7, 3))
-    residual = np.array([0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0])
-    city = surface_truth.City(xyz, residual, 1.0, np.array([-0.5, 0.5, 0.5, 0.5]))
-    text = lof._residuals([city], 5)
-    assert '| manual measurements: paper | 0.126 | 0.365 | 1.774 | – |' in text
-    assert '| 4 places: ours, seed 5 | 0.250 | 0.433 | 0.500 | – |' in text
-    assert '| laser: paper | 0.201 | 1.533 | 7.474 | 3.066 |' in text
-    factor = np.array([1.0, 1.0, 1.0, 1.3, 1.0, 1.3, 1.3])
-    lines = lof._two_by_two([city], [{20: factor}], 5).splitlines()
-    assert lines[2] == '| paper: reference inliers | 109,967 | 1,261 | 111,228 |'
-    assert lines[3] == '| paper: reference outliers | 4,273 | 319 | 4,592 |'
-    assert lines[4] == '| paper: reference all | 114,240 | 1,580 | 115,820 |'
-    assert [line.partition('reference ')[2] for line in lines[5:]] == [
-        'inliers | 3 | 1 | 4 |',
-        'outliers | 1 | 2 | 3 |',
-        'all | 4 | 3 | 7 |',
-    ]
 
 
 # Kang ---------------------------------------------------------------------------------------------
@@ -174,19 +150,6 @@ def test_mean_distance() -> None:
     assert pirotti.mean_distance(60, 31.0) == pytest.approx(measured, rel=0.01)
 
 
-def test_tables_of_pirotti() -> None:
-    """What is missed, the four counts, and what lies below the median."""
-    xyz, code = two_outliers(400)
-    got = roc.explore(xyz, code, Cause.CLUSTER, measure=pirotti.with_pcl)
-    found = {'uniform': got}
-    assert '| uniform | SOR | 3 | 0 of 1 | 0.00 % | 0 of 1 | 0.00 % |' in pirotti._missed(found)
-    assert '| uniform | SOR | 2 | 0 | 0 | 400 | 100.00 % | 0.00 % |' in pirotti._counts(found)
-    row = '| uniform: SOR2 against SOR, k = 10 | 1.000 | 1.000 | 100.00 % | 100.00 % | 0 | 0 |'
-    assert row in pirotti._pairs(found)
-    (cell,) = pirotti_buses._rates(roc.Found({'SOR': got.auc['SOR']}, got.best_of, {}, {}, {}, {}))
-    assert cell == '100.00 % (3, 0.00 %)'
-
-
 def test_off_the_line() -> None:
     """Along a straight street the distance is that across it; one beside it stands out."""
     xyz = np.zeros((50, 3))
@@ -224,17 +187,6 @@ def test_count() -> None:
     assert counted.seconds > 0.0
     counted = count(street(), {'chain': ['sor'], 'sor.multiplier': 0.0})
     assert counted.road == pytest.approx(counted.rejected[:2000].mean())
-
-
-def test_the_papers_table() -> None:
-    """Rows and percentages are those of the paper, and ours stand beside them."""
-    ours = Counted(Confusion(10, 21, 3, 966), 0.0, 1.0, np.zeros(0, np.bool_))
-    text = leslar._like_the_paper({'a': [ours, ours]}, 'a', ['C', 'A'])
-    lines = text.splitlines()
-    assert lines[0] == '|  | C: paper | C: ours | A: paper | A: ours |'
-    assert lines[2] == '| No. of outliers identified | 4 | 10 | 3,414 | 10 |'
-    assert lines[5] == '| % of outliers identified | 12.90 | 32.26 | 30.94 | 32.26 |'
-    assert lines[7] == '| % of point cloud identified incorrectly | 0.00 | 0.30 | 0.01 | 0.30 |'
 
 
 def test_strip() -> None:

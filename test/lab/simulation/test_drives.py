@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
@@ -20,7 +20,6 @@ from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import clouds, messages, record
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import (
-    ProfileScanner,
     SpinningScanner,
     _strongest,
 )
@@ -301,9 +300,3 @@ def test_recording(tmp_path: Path) -> None:
     assert np.diff(times).tolist() == [50_000_000, 25_000_000]
     with pytest.raises(RecordingError, match='the output must be a new folder'):
         record(replace(demo_drive(), lines=1), tmp_path)
-
-
-def test_a_shot_rate_that_no_clock_counts() -> None:
-    """It is refused."""
-    with pytest.raises(FilterError, match='must be whole nanoseconds'):
-        ProfileScanner(lines_per_second=300.0, shots_per_line=1234)

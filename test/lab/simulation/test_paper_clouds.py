@@ -4,29 +4,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_lab.results import pictures
 from lidar_outlier_lab.results.papers import sotoodeh_hod
 from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, simulate
-from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.drive import Block, Returns, merge
 from lidar_outlier_lab.simulation.world.recording import POINT
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from lidar_outlier_filter.core.annotations import Floats
 
 GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
@@ -91,20 +84,6 @@ def test_about(share: float, shots: list[int]) -> None:
     assert shot[cloud['label'] == SNOW].tolist() == shots
 
 
-def test_gather_stops_where_there_are_enough() -> None:
-    """A drive is cast until there are points enough, the share done said; too few are refused."""
-    drive = replace(demo_drive(), lines=100)
-    done: list[float] = []
-    some, whole = choose.gather(drive, 15_000, done.append), choose.gather(drive)
-    assert done[-1] == 1.0
-    assert done == sorted(done)
-    count = len(some.clean.shot)
-    assert 15_000 <= count < 30_000
-    np.testing.assert_array_equal(whole.clean.points[:count], some.clean.points)
-    with pytest.raises(FilterError, match='the points of the drive must be at least 90000, got'):
-        choose.gather(drive, 90_000)
-
-
 # Clusters of 656 points, and the steps on their picture -------------------------------------------
 
 
@@ -137,16 +116,6 @@ def test_course() -> None:
     assert {p for edge in graph for p in edge} == set(rough.tolist())
     clean = hierarchical.detect(scene.xyz, parameters)
     np.testing.assert_array_equal(steps.phase, clean.phase)
-
-
-@pytest.mark.parametrize('least', [400, 1000])
-def test_picture(tmp_path: Path, least: int) -> None:
-    """Lost points have their own colour; also where no cluster is large enough it is drawn."""
-    parameters = replace(Hierarchical(), min_cluster=least)
-    sotoodeh_hod.draw_course(simulate(0), parameters, tmp_path / 'picture.png')
-    with Image.open(tmp_path / 'picture.png') as image:
-        colours = {colour for _, colour in image.convert('RGB').getcolors(1000) or []}
-    assert (tuple(bytes.fromhex(pictures.LOST[1:])) in colours) == (least == 400)
 
 
 # Scans from a tripod, and distances from a surface model ------------------------------------------

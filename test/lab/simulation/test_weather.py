@@ -116,30 +116,6 @@ def test_as_many_drops_as_a_beam_holds() -> None:
     assert far.mean() == pytest.approx(6.0, abs=0.05)
 
 
-def test_least_drop_through_rain() -> None:
-    """It is b √(P r² e^(2αr) ÷ ρ): at 10 m with α = 0.0785, 10 mm × √(1e-4 × 4.811 ÷ 0.9)."""
-    fall = drops.Precipitation(2e5, 2.0, 0.9, 1000.0)
-    found = drops.least_diameter(fall, NARROW, np.array([10.0]), np.array([1e-6]))
-    assert found == pytest.approx([0.23120], rel=1e-3)
-
-
-def test_fall_is_as_far_as_the_hazard_says() -> None:
-    """Ranges of flakes follow the chance per metre, and so does their number."""
-    fall, least, count = drops.snow(1.0), 4e-4, 60_000
-    rng = np.random.default_rng(1)
-    where, far, echo = drops.strike(fall, OPTICS, np.full(count, 40.0), np.full(count, least), rng)
-    edges = np.linspace(OPTICS.nearest, 40.0, 20_001)
-    middle = (edges[1:] + edges[:-1]) / 2
-    chance = drops.hazard(fall, OPTICS, middle, np.full(len(middle), least))
-    total = np.concatenate([[0.0], np.cumsum(chance * np.diff(edges))])
-    # Powers are tabulated in steps, a step is a few percent of the chance.
-    assert len(where) == pytest.approx(count * total[-1], rel=0.08)
-    found = stats.kstest(far, lambda d: np.interp(d, edges, total / total[-1]))
-    assert found.statistic < 0.03
-    assert (echo[far > 1.5] > 0.8 * least).all()
-    assert np.bincount(where, minlength=count).var() == pytest.approx(total[-1], rel=0.1)
-
-
 @pytest.mark.parametrize(
     ('name', 'fall', 'cause', 'rates'),
     [
@@ -235,18 +211,6 @@ def test_a_puff_takes_light_there_and_back(centre: float, nearest: float) -> Non
     # Within 3 standard deviations: all but 0.3 %. The first beam looks along -x.
     assert left[0] == pytest.approx(np.exp(-2 * 0.5 * 0.8 * np.sqrt(2 * np.pi)), rel=0.02)
     assert left[1000] == 1.0
-
-
-def test_plumes_hang_together() -> None:
-    """Beside a beam that a plume answers, most are answered by it, too; elsewhere none."""
-    beams = room()
-    puffs = (plumes.PlumePuff((6.0, 3.0, 0.0), (1.0, 1.0, 0.7), 1.5),)
-    far, power, left = struck(plumes.Plume(puffs, ratio=20.0), beams, seed=2)
-    met = np.isfinite(far) & (power > OPTICS.floor)
-    position = beams.direction[met] * far[met, None]
-    assert (np.abs(position - np.array(puffs[0].centre)) < 3.6).all()
-    assert (met[1:] & met[:-1]).sum() > 0.7 * met.sum()
-    assert (left[~np.isfinite(far)] == 1.0).all()
 
 
 # Beams --------------------------------------------------------------------------------------------
