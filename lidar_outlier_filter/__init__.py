@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean lidar clouds from a moving vehicle, live and offline, with the same answer in both.
+"""Find outliers in lidar point clouds, live and offline, with the same verdicts.
 
     from lidar_outlier_filter import CloudFilter, detect_outliers
 
-What is named here is imported when it is first used, so that the import itself takes no time.
+These names are imported on first use, so that importing the package takes no time.
 """
 
 from importlib import import_module

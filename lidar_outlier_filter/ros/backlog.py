@@ -178,16 +178,16 @@ class Treatment(Enum):
 
 
 class Overload:
-    """Decides what is done with the next cloud, by the policy and by what waits."""
+    """Chooses the treatment of the next cloud by the load policy and the backlog."""
 
     def __init__(self) -> None:
-        """Begin with nothing that waits."""
+        """Begin with an empty backlog."""
         self.treatment = Treatment.FILTER  # of the last cloud
         self._busy = False
-        self._longest = 0.0  # seconds that a cloud took of late
+        self._longest = 0.0  # seconds: the longest recent cloud, fading
 
     def lead(self, max_delay: float) -> float:
-        """Return the part of ``max_delay`` to be kept for the verdict, seconds."""
+        """Return the seconds of ``max_delay`` that are reserved for judging."""
         return min(max(self._longest, MIN_LEAD * max_delay), MAX_LEAD * max_delay)
 
     def took(self, seconds: float) -> None:
@@ -195,10 +195,18 @@ class Overload:
         self._longest = max(seconds, FORGET * self._longest)
 
     def decide(self, policy: str, fill: float, age: float, max_delay: float) -> Treatment:
-        """Choose for a cloud that has waited ``age`` seconds, with ``fill`` behind it.
+        """Choose the treatment of a cloud.
 
-        Too much it is from half of what may wait, or half of the time that a cloud may; and it is
-        so until nothing waits any more.
+        The node is overloaded once the queue, or the waiting time, is half of its limit; it stays
+        so until the queue is empty.
+
+        Parameters
+        ----------
+        policy : ``load.policy``
+        fill : of the queue behind the cloud, as a share of its limit
+        age : seconds since reception
+        max_delay : seconds
+
         """
         waited = age / (max_delay - self.lead(max_delay))
         pressure = max(fill, waited)

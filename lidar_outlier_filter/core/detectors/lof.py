@@ -54,17 +54,21 @@ SHORT = 64  # neighbours that are sorted by insertion
 
 
 class _Near(NamedTuple):
-    """N(p) of all points, in tree order, but of coincident ones with a k-distance of 0 of one only.
+    """The neighbourhoods N(p) of all points, in tree order.
+
+    Most are the k nearest others. Those with ties have a longer row; of a stack of coincident
+    points with a k-distance of 0, one has it for all.
 
     Attributes
     ----------
     listed : (N, k) int32
-        The k nearest others, which is N(p) where nothing ties with the k-th.
+        The k nearest others of each point.
     row : (N,) int32
-        LISTED, or the row of ``more`` that holds N(p).
+        The row of ``more`` that holds N(p), or LISTED: it is that of ``listed``.
     first : (R + 1,) int64
-        Row r is first[r] to first[r + 1] of ``more``.
+        Row r is ``more[0, first[r]:first[r + 1]]``.
     more : (1, M) int32
+        Indices of neighbours, row after row.
 
     """
 

@@ -193,7 +193,7 @@ def _average(begin: int, end: int, xyz: Floats, lists: NDArray[np.int32], result
 
 
 def _ratio(statistic: Floats, limit: Floats | float) -> Floats:
-    """Divide by the limits; beyond a limit of 0 is what is larger, and that infinitely."""
+    """Divide by the limits. Over a limit of 0, statistics above 0 score inf, and 0 scores 0."""
     score = np.where(statistic > 0, np.inf, 0.0)
     with np.errstate(over='ignore'):
         np.divide(statistic, limit, out=score, where=np.greater(limit, 0))
