@@ -77,6 +77,12 @@ def test_trees_judge_what_others_moved() -> None:
     assert np.mean(selected != found) < 0.001
 
 
+def test_two_returns_of_a_shot() -> None:
+    """They have one time: the step of the head is that between two shots."""
+    given = moved(turn_of_a_head())
+    assert find_own_frame(given.take(np.repeat(np.arange(len(given)), 2))) is not None
+
+
 def test_order_does_not_matter() -> None:
     """Points of a stream may come in any order: the answer is the same, bit for bit."""
     given = moved(turn_of_a_head())

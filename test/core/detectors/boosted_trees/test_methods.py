@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from helpers.scans import Drive, road, sweep
 
-from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -55,6 +56,14 @@ def test_method(points: Points, whole: bool, expected: Method) -> None:  # noqa:
     assert np.isnan(verdict.score).all() == is_untested
     assert (verdict.undecided == (64 if is_untested else 0)).all()
     assert not (verdict.rejected & np.isnan(verdict.score)).any()
+
+
+def test_sensor_names_the_method() -> None:
+    """Whatever the cloud shows, and whichever other sensors the same input was judged for."""
+    seen = DetectorInput(sweep(5, 0.1, columns=200), FilterParameters(), whole=True)
+    sensors = {name: {'boosted_trees.sensor': name} for name in ('auto', 'profile', 'survey')}
+    methods = [choose(seen, FilterParameters().changed(one))[0] for one in sensors.values()]
+    assert methods == [Method.PATTERN, Method.NEIGHBOURS, Method.NEIGHBOURS]
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,16 @@ def test_a_scanner_must_show(
     assert (find_profile_pattern(Drive(5).points) is not None) == shows
 
 
+@pytest.mark.parametrize(('lines', 'shows'), [(2, True), (3, False)])
+def test_half_of_the_lines_must_show_it(lines: int, *, shows: bool) -> None:
+    """Of five, the points of some lie anywhere."""
+    points = Drive(5).points
+    anywhere = np.random.default_rng(5).uniform(-5.0, 5.0, points.xyz.shape)
+    xyz = np.where((points.line % 5 < lines)[:, None], anywhere, points.xyz)
+    found = find_profile_pattern(points_of(xyz, points.t, points.line))
+    assert (found is not None) == shows
+
+
 def test_lines_without_returns() -> None:
     """Lines that are short, or away, do not move the others."""
     drive = Drive(4, 0.1, lines=16)
