@@ -137,12 +137,12 @@ def test_learns_for_hours() -> None:
 
 @pytest.mark.parametrize('kind', ['at other ranges', 'in too few turns'])
 def test_what_passes_by_is_no_vehicle(kind: str) -> None:
-    """What is there in two turns of twelve, or half of them at other ranges, does not stay."""
+    """What is there in two turns of twelve, or at one of three ranges in each, does not stay."""
     learner = MaskLearner(20.0)
     for number in range(12):
         rows = turn(number)
         passing = rows['ring'] == 14
-        reach = 3 + number % 4 if kind == 'at other ranges' else 3
+        reach = 3 + number % 3 if kind == 'at other ranges' else 3
         scale = reach / np.linalg.norm([rows[a][passing] for a in 'xyz'], axis=0)
         for axis in 'xyz':
             rows[axis][passing] *= scale
