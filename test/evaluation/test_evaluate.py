@@ -99,7 +99,7 @@ def test_columns_of_a_table(tmp_path: Path, capsys: Capture) -> None:
     ('arguments', 'sentence'),
     [
         (['--topic', '/x'], "one of those with '/cleaned' and '/outliers' (/lidar), got '/x'"),
-        (['--labels', 'nowhere.npy'], 'the file nowhere.npy must be readable, got "No such file'),
+        (['--labels', 'nowhere.npy'], 'the file nowhere.npy must be a file, got none'),
         (['--labels', '.'], 'the labels must be with files, got ., empty'),
         (['--output', '.'], 'the output must be a new folder, got ., which exists'),
         (

@@ -120,7 +120,7 @@ def test_refused_files(tmp_path: Path) -> None:
         ('nan.npy', r'must be whole numbers up to 65535, got nan'),
         ('large.npy', r'must be whole numbers up to 65535, got -70000'),
         ('broken.las', r'the header of .*broken\.las must be of at least 227 bytes, got 4'),
-        ('none.npy', r'none\.npy must be readable, got "'),
+        ('none.npy', r'none\.npy must be a file, got none'),
         ('a.csv', r"must be one of x, got 'code'"),
         ('a.odt', r'the file .*a\.odt must be one of \.las'),
     ):

@@ -122,7 +122,7 @@ def test_all_or_nothing(ros: Ros) -> None:
     assert "got 'unheard_of'" in ros.set_together(gap_factor=2.0, unheard_of=1)
     assert values(node) == before
     # Order 2 alone is refused, as for it the windows are too small.
-    assert ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__before=4) == ''
+    ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__before=4)
     changed = {'alpha_beta_gamma.before': 4, 'alpha_beta_gamma.order': 2}
     assert values(node) == before | changed
 

@@ -82,7 +82,7 @@ def chain(*names: str, vote: int = 0) -> FilterParameters:
     return FilterParameters().changed({**BAD_START, 'chain': list(names), 'vote': vote})
 
 
-def wanted(parameters: FilterParameters) -> Tried:
+def requests(parameters: FilterParameters) -> Tried:
     """Take the small search for the detectors of a chain."""
     mine = parameters.chain
     return {name: values for name, values in SMALL.items() if name.partition('.')[0] in mine}
@@ -92,7 +92,7 @@ def small(
     data: Training, parameters: FilterParameters, most_lost: float = MOST_LOST, folds: int = 5
 ) -> Tuned:
     """Search few settings."""
-    return tune(data, parameters, most_lost, folds, requested=wanted(parameters))
+    return tune(data, parameters, most_lost, folds, requested=requests(parameters))
 
 
 def run(data: Training, parameters: FilterParameters) -> Confusion:
@@ -115,7 +115,7 @@ def test_nearly_the_best_there_is(names: tuple[str, ...]) -> None:
     start, unseen = chain(*names), road(2)
     found = small(road(1), start).parameters
     tuned = best = run(unseen, found).f1
-    for search in searches(start, wanted(start)):
+    for search in searches(start, requests(start)):
         for setting in search.settings:
             for value in search.threshold.values[::3]:
                 changes = {**setting, search.threshold.name: value}
@@ -195,7 +195,7 @@ def test_notes() -> None:
     """Values at an end of what was tried, and detectors that reject nothing, are named."""
     data, start = road(3), chain('alpha_beta_gamma', 'lof')
     tried: Tried = {
-        **wanted(start),
+        **requests(start),
         'alpha_beta_gamma.significance': [1e-15, 1e-9, 1e-5],
         'lof.threshold': [1000.0, 2000.0, 4000.0],
     }
@@ -232,7 +232,7 @@ def test_progress() -> None:
     def note(done: int, of: int, what: str) -> None:
         calls.append((done, of, what))
 
-    tune(road(1, 30), start, folds=3, requested=wanted(start), progress=note)
+    tune(road(1, 30), start, folds=3, requested=requests(start), progress=note)
     scores = [(i, 2, 'scores') for i in range(2)]
     assert list(dict.fromkeys(calls)) == scores + [(i, 4, 'folds') for i in range(4)]
 

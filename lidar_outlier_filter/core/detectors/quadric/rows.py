@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
 
 WIDTH = 12  # elements of a row
-HALF, MOST = 4, 8  # so many are enough for a size up to that
+FEW_LANES, MANY_LANES = 4, 8  # so many are enough for a size up to that
 
 
 def add_row(
     target: Floats, row: int, factor: float, source: Floats, other: int | np.uint64, size: int
 ) -> None:
     """Add a multiple of a row to another one: of the elements 4, 8 or all, at least ``size``."""
-    for k in range(HALF if size <= HALF else MOST if size <= MOST else WIDTH):
+    for k in range(FEW_LANES if size <= FEW_LANES else MANY_LANES if size <= MANY_LANES else WIDTH):
         target[row, k] += factor * source[other, k]
 
 
@@ -59,18 +59,22 @@ def _adder(begin: int, lanes: int) -> Any:
     return add
 
 
-_add_half, _add_most, _add_rest = _adder(0, HALF), _adder(0, MOST), _adder(MOST, WIDTH - MOST)
+_add_half, _add_most, _add_rest = (
+    _adder(0, FEW_LANES),
+    _adder(0, MANY_LANES),
+    _adder(MANY_LANES, WIDTH - MANY_LANES),
+)
 
 
 # numba wants the names of the arguments, and infers their types.
 @overload(add_row)
 def _add_row(target, row, factor, source, other, size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
     def add(target, row, factor, source, other, size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-        if size <= HALF:
+        if size <= FEW_LANES:
             _add_half(target, row, factor, source, other)
         else:
             _add_most(target, row, factor, source, other)
-            if size > MOST:
+            if size > MANY_LANES:
                 _add_rest(target, row, factor, source, other)
 
     return add
