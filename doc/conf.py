@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How Sphinx builds these pages: ``sphinx-build -W doc FOLDER``, or rosdoc2.
 
-rosdoc2 copies this folder and runs this file from elsewhere. So nothing here is relative to it.
-What lies outside the folder is found beside the package.
+What lies outside this folder is found beside it, or beside the package where rosdoc2 has copied it.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ from lidar_outlier_filter.parameters.yaml_files import table
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-ROOT = Path(lidar_outlier_filter.__file__).parents[1]
+BESIDE = [Path(__file__).resolve().parents[1], Path(lidar_outlier_filter.__file__).parents[1]]
+ROOT = next(folder for folder in BESIDE if (folder / 'CONTRIBUTING.md').is_file())
 
 project = 'lidar_outlier_filter'
 author = 'The lidar_outlier_filter authors'

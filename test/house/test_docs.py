@@ -105,6 +105,20 @@ def test_built_as_rosdoc2_does(tmp_path: Path) -> None:
     assert 'alpha_beta_gamma.before' in words(tmp_path / 'html' / 'doc' / 'parameters.html')
 
 
+def test_built_from_an_installed_package(tmp_path: Path) -> None:
+    """What lies outside the folder is found beside it, wherever the package is."""
+    (tmp_path / 'lidar_outlier_filter').symlink_to(ROOT / 'lidar_outlier_filter')
+    program = 'import runpy, sys; print(runpy.run_path(sys.argv[1])["inserted"]())'
+    answer = subprocess.run(
+        [sys.executable, '-c', program, str(ROOT / 'doc' / 'conf.py')],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert 'CONTRIBUTING.md' in answer.stdout, answer.stderr
+
+
 @pytest.mark.slow
 def test_an_unknown_mark_ends_the_build(tmp_path: Path) -> None:
     """A page that asks for what nobody has is no page."""
