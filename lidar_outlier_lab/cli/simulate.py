@@ -49,9 +49,11 @@ def add_simulate(commands: Commands) -> None:
         f'weathers:\n{_listed(WEATHER_NAMES)}',
         formatter_class=_raw(),
         epilog='examples:\n  lidar-outlier-filter simulate street-16 --output drive --seed 2\n'
-        '  lidar-outlier-filter simulate --onto drive --weather snow --output snowy',
+        '  lidar-outlier-filter simulate --onto drive --weather light_snow --output snowy',
     )
-    parser.add_argument('preset', nargs='?', metavar='PRESET', help='one of those above')
+    parser.add_argument(
+        'preset', nargs='?', metavar='PRESET', choices=PRESETS, help='one of those above'
+    )
     parser.add_argument(
         '--output',
         type=Path,
@@ -79,7 +81,9 @@ def _add_onto(parser: argparse.ArgumentParser) -> None:
         metavar='RECORDING',
         help='bag folder, .mcap, .db3 or ROS 1 .bag to put weather into, in place of PRESET',
     )
-    parser.add_argument('--weather', metavar='WEATHER', help='one of those above')
+    parser.add_argument(
+        '--weather', metavar='WEATHER', choices=WEATHER_NAMES, help='one of those above'
+    )
     parser.add_argument(
         '--topic',
         action='append',
@@ -93,6 +97,7 @@ def _add_onto(parser: argparse.ArgumentParser) -> None:
         dest='returns',
         default='strongest',
         metavar='R',
+        choices=RETURN_NAMES,
         help=f'which echo is measured: {", ".join(RETURN_NAMES)}; default: strongest',
     )
     add_parameter_options(parser)
@@ -111,9 +116,11 @@ def _raw() -> type[argparse.HelpFormatter]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    if (options.preset is None) == (options.onto is None):
-        given = 'both' if options.preset else 'neither'
-        raise FilterError('the arguments', 'a PRESET, or --onto RECORDING --weather WEATHER', given)
+    names = {'preset': 'PRESET', 'onto': '--onto', 'weather': '--weather'}
+    given = [said for name, said in names.items() if getattr(options, name) is not None]
+    if given not in (['PRESET'], ['--onto', '--weather']):
+        got = ' and '.join(given) or 'neither'
+        raise FilterError('the arguments', 'a PRESET, or --onto RECORDING --weather WEATHER', got)
     return _preset(options) if options.onto is None else _onto(options)
 
 
@@ -123,8 +130,6 @@ def _preset(options: argparse.Namespace) -> int:
     from lidar_outlier_lab.simulation.presets import make
     from lidar_outlier_lab.simulation.world.recording import write
 
-    if options.weather is not None:
-        raise FilterError('--weather', 'given with --onto', repr(options.weather))
     output = options.output or Path(options.preset)
     with stopping() as leave_if_asked, progress_bar(options.preset) as show:
 
@@ -147,8 +152,6 @@ def _onto(options: argparse.Namespace) -> int:
 
     from lidar_outlier_lab.simulation.weather.clouds import put_onto
 
-    if options.weather not in WEATHER_NAMES:
-        raise FilterError('--weather', f'one of {", ".join(WEATHER_NAMES)}', options.weather)
     if options.share is not None:
         raise FilterError('--share', 'given with a PRESET', options.share)
     with stoppable_bar(options.onto.name) as progress:

@@ -22,6 +22,7 @@ from helpers.drives import write_drive
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 def test_every_command_ends_its_help_with_two_examples(capsys: Capture) -> None:
-    """Each can be parsed: no option in them is misspelt."""
+    """Each can be parsed: no option, preset or parameter in them is misspelt."""
     parser = ArgumentParser()
     commands = parser.add_subparsers()
     for add in commands_for(()):
@@ -88,7 +89,10 @@ def test_every_command_ends_its_help_with_two_examples(capsys: Capture) -> None:
         for line in (first, second):
             program, verb, *words = shlex.split(line)
             assert (program, verb) == ('lidar-outlier-filter', name)
-            command.parse_args(words)
+            options = command.parse_args(words)
+            if hasattr(options, 'settings'):
+                chain = getattr(options, 'chain', None)
+                FilterParameters().changed(read_parameters((), options.settings, chain))
 
 
 @pytest.mark.parametrize('arguments', [[], ['dance'], ['replay']])
