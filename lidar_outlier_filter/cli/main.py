@@ -81,7 +81,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')  # a name of a file may be any bytes
     parser = argparse.ArgumentParser(
-        prog=PROGRAM, description='Clean lidar clouds from a moving vehicle.'
+        prog=PROGRAM,
+        description='Find outliers in lidar clouds: in recordings of a vehicle, in LAS and other '
+        'files of a survey, and in labelled clouds for research.',
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(

@@ -214,10 +214,12 @@ def _show(
 
 def _say_how(path: Path, report: CleanReport) -> None:
     """Report units, scan lines and other circumstances of how a file was judged."""
+    from lidar_outlier_filter.files.judged_file import unit_text
+
     if report.metres:
-        sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
+        unit = unit_text(report.metres)
         crs = f'; its coordinate system is {report.crs}' if report.crs else ''
-        say(f'{path} is not in metres ({sizes}): it is judged in metres{crs}')
+        say(f'{path} is judged in metres, and written in its own unit, {unit}{crs}')
     if report.coarse:
         say(f'{path}: {report.coarse}')
     if report.rings:

@@ -333,14 +333,25 @@ def describe_file(path: Path) -> FileInfo:
 
 def _unit(file: CloudFile) -> str:
     """Name the units of the coordinates of a file that may name some."""
-    said = []
     try:
-        for axis, size in file.metres.items():
-            names = (name for name, known in UNITS.items() if np.isclose(size, known, 1e-9))
-            said.append(f'{axis} in {next(names, "units")} ({size:.10g} m)')
+        return unit_text(file.metres)
     except CloudError as err:
         return str(err)
-    return ', '.join(said) or 'm'
+
+
+def unit_text(metres: Mapping[str, float]) -> str:
+    """Name the units of coordinates, from metres per unit of those not in metres."""
+    axes: dict[float, list[str]] = {}
+    for axis, size in metres.items():
+        axes.setdefault(size, []).append(axis)
+    said = {}
+    for size in axes:
+        names = (name for name, known in UNITS.items() if np.isclose(size, known, 1e-9))
+        said[size] = f'{next(names, "units")} ({size:.10g} m)'
+    if [*map(len, axes.values())] == [3]:
+        return said.popitem()[1]
+    groups = [f'{said[size]} for {" and ".join(those)}' for size, those in axes.items()]
+    return ', '.join(groups) or 'm'
 
 
 def _method(file: CloudFile) -> tuple[int, str]:

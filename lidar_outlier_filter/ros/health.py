@@ -261,9 +261,10 @@ class _Sample:
         missed[UNFILTERED], missed[WITHOUT_POSE] = self.unfiltered, self.since('without_pose')
         received = self.tally.clouds + missed[LOST]
         counts = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
-        said = f'not filtered as asked: {counts}; {received} received or lost'
+        said = f'clouds not filtered as asked: {missed.total()} ({counts})'
+        said += f'; received in the same time: {self.tally.clouds}'
         if missed[LOST]:
-            said += f' ({self.advice})'
+            said += f'; {self.advice}'
         return min(missed.total() / max(received, 1), 1.0), said
 
     def values(self) -> dict[str, str]:

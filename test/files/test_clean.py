@@ -159,7 +159,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     said = capsys.readouterr().err
     for sentence in (
         f'{files[0]}: {logs[0]["rejected"] / logs[0]["points"]:.1%} of its points are rejected\n',
-        f'{files[1]} is not in metres (x = 0.3048 m, y = 0.3048 m, z = 0.3048 m): it is judged',
+        f'{files[1]} is judged in metres, and written in its own unit, ft (0.3048 m)',
         '; its coordinate system is NAD_1983_HARN_Lambert_Conformal_Conic\n',
         f'{files[2]} has no column that says its scan lines: it is judged without scan lines\n',
     ):

@@ -126,7 +126,7 @@ def test_errors_of_detectors() -> None:
     level, message, values, plotted = look(health)
     assert level == ERROR
     assert message.startswith(
-        'a detector raised an error in 1 blocks: see the log; not filtered as asked: 1 '
+        'a detector raised an error in 1 blocks: see the log; clouds not filtered as asked: 1 ('
     )
     assert (values['failures'], plotted['passed']) == ('1', 1)
     health.received()
@@ -138,7 +138,7 @@ def test_the_advice_is_for_the_middleware(middleware: str) -> None:
     """What helps with large clouds is a file of the package, for each middleware another."""
     health = Health(middleware)
     health.missed(LOST, 1)
-    assert f'(for large clouds set {PROFILES[middleware]} for both sides)' in look(health)[1]
+    assert f'; for large clouds set {PROFILES[middleware]} for both sides' in look(health)[1]
     assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
 
 
@@ -154,8 +154,9 @@ def test_what_is_not_filtered() -> None:
     level, message, values, plotted = look(health)
     assert level == WARN
     assert message == (
-        'not filtered as asked: 2 lost on the way, 1 dropped, 1 passed unfiltered; '
-        '8 received or lost (for large clouds set config/fastdds_large_clouds.xml for both sides)'
+        'clouds not filtered as asked: 4 (2 lost on the way, 1 dropped, 1 passed unfiltered); '
+        'received in the same time: 6; '
+        'for large clouds set config/fastdds_large_clouds.xml for both sides'
     )
     assert [plotted[name] for name in ('lost', 'dropped', 'passed')] == [2, 1, 1]
     assert (values['lost'], values['dropped']) == ('2', '1')
@@ -165,7 +166,8 @@ def test_what_is_not_filtered() -> None:
         health.received()
     health.missed(DROPPED)
     health.answered(0.1, 0.1)
-    assert look(health)[1] == 'not filtered as asked: 1 dropped; 2 received or lost'
+    said = 'clouds not filtered as asked: 1 (1 dropped); received in the same time: 2'
+    assert look(health)[1] == said
     health.received()
     health.missed(DROPPED, 2)
     assert look(health)[0] == ERROR
@@ -212,7 +214,8 @@ def test_clouds_judged_without_poses() -> None:
         health.counted(Statistics(without_pose=without_pose))
         found, message, values, _ = look(health)
         assert (found, values['without_pose']) == (level, str(without_pose))
-    assert message == 'not filtered as asked: 1 judged without poses; 4 received or lost'
+    counts = '1 (1 judged without poses); received in the same time: 4'
+    assert message == f'clouds not filtered as asked: {counts}'
 
 
 @pytest.mark.parametrize(
