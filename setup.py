@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
 from setuptools.command.develop import develop
 from setuptools.command.install import install
 
@@ -35,22 +36,33 @@ def shared_files() -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
-def compile_kernels(folder: str) -> None:
+def compile_kernels(folder: str, *words: str) -> None:
     """Compile the kernels of the package in ``folder``. A failure costs the first start only."""
     chain = os.environ.get(COMPILE)
     if chain == '':
         return
     paths = os.pathsep.join([folder, *filter(None, [os.environ.get('PYTHONPATH')])])
-    command = [sys.executable, '-P', '-m', f'{NAME}.cli.main', 'compile']
+    env = {**os.environ, 'PYTHONPATH': paths, 'PYTHONDONTWRITEBYTECODE': '1'}
+    command = [sys.executable, '-P', '-m', f'{NAME}.cli.main', 'compile', *words]
     if chain is not None:
         command += ['--chain', chain]
-    done = subprocess.run(command, env={**os.environ, 'PYTHONPATH': paths}, check=False)  # noqa: S603
+    done = subprocess.run(command, env=env, check=False)  # noqa: S603
     if done.returncode:
         sys.stderr.write('The kernels are not compiled: the first start of the node does it.\n')
 
 
+class Build(build_py):  # type: ignore[misc]
+    """Copies the package, and compiles for all processors of a level what a wheel shall bring."""
+
+    def run(self) -> None:
+        """Copy, and compile into folders of its own."""
+        super().run()
+        if 'bdist_wheel' in self.distribution.commands:
+            compile_kernels(os.path.abspath(self.build_lib), '--portable')  # noqa: PTH100  of links
+
+
 class Install(install):  # type: ignore[misc]
-    """Installs for ``colcon build``, and compiles. A wheel is for other processors, too."""
+    """Installs for ``colcon build``, and compiles for this processor."""
 
     def run(self) -> None:
         """Install, and compile where nothing else, such as a wheel, was asked for."""
@@ -87,6 +99,7 @@ setup(
             'core/detectors/boosted_trees/*.json',
             'report/assets/*',
             'archive/assets/*',
+            '**/portable/*.nb[ci]',
         ],
         LAB: ['py.typed'],
     },
@@ -170,7 +183,7 @@ setup(
             'types-PyYAML',
         ],
     },
-    cmdclass={'install': Install, 'develop': Develop},
+    cmdclass={'build_py': Build, 'install': Install, 'develop': Develop},
     entry_points={
         'console_scripts': [
             f'lidar-outlier-filter = {NAME}.cli:start',

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts of the node with clouds at 10 Hz, from an empty and from a complete cache.
 
-    python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [NAME:=VALUE ...]
+    python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [--package FOLDER] [NAME:=VALUE ...]
 
 The node is a process of its own, over the real middleware, and is set to another chain. Printed are
 seconds since that process began, or since the parameter was set, and what became of the clouds.
@@ -83,10 +83,13 @@ def main() -> None:
     )
     parser.add_argument('--chain', default='boosted_trees')
     parser.add_argument('--then', default='quadric', metavar='CHAIN')
+    parser.add_argument(
+        '--package', type=Path, default=ROOT, metavar='FOLDER', help='an unpacked wheel, or sources'
+    )
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        env = {**environment(), **fresh_copy(Path(folder))}
+        env = {**environment(), **fresh_copy(Path(folder), source=options.package)}
         for cache in ('empty cache', 'complete cache'):
             start(cache, env, [f'chain:=[{options.chain}]', *options.settings], options.then)
 

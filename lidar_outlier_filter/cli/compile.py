@@ -9,12 +9,13 @@ It imports what is heavy when it runs, so that help is instant.
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, progress_bar, say
-from lidar_outlier_filter.core.kernels import listeners
+from lidar_outlier_filter.core.kernels import PORTABLE, listeners
 
 if TYPE_CHECKING:
     import argparse
@@ -41,13 +42,22 @@ def add_compile(commands: Commands) -> None:
     parser.add_argument(
         '--chain', metavar='A,B', help='the detectors of another chain, instead of all these'
     )
+    parser.add_argument(
+        '--portable',
+        action='store_true',
+        help=f'for all processors that are {PORTABLE}, as a wheel brings them: into folders '
+        '"portable" beside the sources',
+    )
     parser.set_defaults(run=_compile)
 
 
 def _compile(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.core.kernels.kernel_cache import complaints
+    if options.portable:  # before numba is there, and for the processes that this one starts
+        os.environ.update(NUMBA_CPU_NAME=PORTABLE, NUMBA_CPU_FEATURES='')
+    from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, complaints
     from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, load, shares
 
+    CacheFile.allows_portable = False
     requested, work = _requested(options.chain), list[KernelShare]()
     for parameters in requested:
         # What is on disk already, in whatever order it was written, is not done again.
@@ -93,14 +103,10 @@ def _requested(chain: str | None) -> list[FilterParameters]:
 
 def _shipped() -> list[Path]:
     """List the parameter files that come with the package: beside its sources, or installed."""
-    package = Path(__file__).parents[1]
-    beside = package.parent / 'config'
-    if (package.parent / 'setup.py').is_file():
-        return sorted(beside.glob('*.yaml'))
-    for root in package.parents:
-        share = root / 'share' / PACKAGE / 'config'
-        if share.is_dir():
-            return sorted(share.glob('*.yaml'))
+    for root in Path(__file__).parents[2:]:  # a wheel is built below the sources
+        for folder in (root / 'share' / PACKAGE / 'config', root / 'config'):
+            if (folder / 'defaults.yaml').is_file() and (folder.parent / 'package.xml').is_file():
+                return sorted(folder.glob('*.yaml'))
     return []
 
 

@@ -22,6 +22,7 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels import listeners
+from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import Track
@@ -222,6 +223,7 @@ def _turns() -> Points:
 
 def _main() -> None:
     os.nice(int(sys.argv[1]))
+    CacheFile.allows_portable = False
     detector, values, sensors, explain = json.load(sys.stdin)
     parameters = FilterParameters().changed({**values, 'chain': (detector,)})
     make_ready(parameters, sensors, explain=explain)

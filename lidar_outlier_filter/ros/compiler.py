@@ -40,10 +40,12 @@ class Compiler:
         ready: Callable[[FilterParameters], object],
         inform: Callable[[str], object],
         warn: Callable[[str], object],
+        between_blocks: Callable[[Callable[[], None]], object],
     ) -> None:
-        """Call ``ready`` with parameters whose kernels are; the others with sentences."""
+        """Call ``ready`` with parameters whose kernels are; two others with sentences."""
         self.compiling = ''
         self._ready, self._inform, self._warn = ready, inform, warn
+        self._between_blocks = between_blocks
         self._lock = threading.RLock()
         self._requested: FilterParameters | None = None
         self._now: FilterParameters | None = None  # whose chain filters until then
@@ -66,7 +68,8 @@ class Compiler:
         with self._lock:
             before, self._requested = self._requested, parameters
             if is_ready(parameters):
-                self._processes.stop()
+                if before is not None:
+                    self._processes.stop()
                 self._take_over(parameters)
             elif before is None or kernels_of(before) != kernels_of(parameters):
                 self._processes.stop()
@@ -94,6 +97,28 @@ class Compiler:
         with self._lock:
             if not processes.is_stopped and self._requested is not None:
                 self._take_over(self._requested)
+        if kernel_cache.portable:
+            self._replace_portable(parameters, processes)
+
+    def _replace_portable(self, parameters: FilterParameters, before: Processes) -> None:
+        """Compile beside the filter for this very processor; that takes over between two blocks."""
+        with self._lock:
+            if before.is_stopped:
+                return
+            processes = self._processes = Processes(patient=True)
+        begin = monotonic()
+        problems = processes.run(shares(parameters))
+        for problem in problems:
+            self._warn(problem)
+        if processes.is_stopped or problems:
+            return
+        replace, took = kernel_cache.read_host(), monotonic() - begin
+
+        def take_over() -> None:
+            replace()
+            self._inform(f'kernels for this processor, compiled beside for {took:.0f} s, take over')
+
+        self._between_blocks(take_over)
 
     def _take_over(self, parameters: FilterParameters) -> None:
         if self.compiling and self._now is not None:

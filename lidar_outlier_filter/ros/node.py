@@ -106,7 +106,10 @@ class OutlierFilterNode(TunableNode):
         for refused in installed().refused.values():
             self.get_logger().warning(str(refused))
         self._compiler = Compiler(
-            self._take_over, self.get_logger().info, self.get_logger().warning
+            self._take_over,
+            self.get_logger().info,
+            self.get_logger().warning,
+            self._between_blocks,
         )
         self._is_started = self._is_ready = False
         self._show: Show | None = None
@@ -206,6 +209,10 @@ class OutlierFilterNode(TunableNode):
             self.get_logger().info(ready_line(parameters, self.channels))
             for channel in self.channels:
                 channel.worker.kernels_are_ready()
+
+    def _between_blocks(self, command: Callable[[], None]) -> None:
+        for channel in self.channels[:1]:
+            channel.worker.between_clouds(command)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         for channel in self.channels:

@@ -80,7 +80,7 @@ class Worker:
 
     def kernels_are_ready(self) -> None:
         """Filter the clouds that come from now on."""
-        self._do(self.ready.set)
+        self.between_clouds(self.ready.set)
 
     @property
     def oldest(self) -> int | None:
@@ -109,7 +109,7 @@ class Worker:
             self._parameters = parameters
 
         self.inbox.load = parameters.load
-        self._do(apply)
+        self.between_clouds(apply)
 
     def enable(self, *, on: bool) -> None:
         """Filter the clouds that come from now on, or let them pass as they are."""
@@ -120,13 +120,13 @@ class Worker:
                 self._publish(self._filter.flush_pending())
             self.enabled = on
 
-        self._do(apply, in_turn=True)
+        self.between_clouds(apply, in_turn=True)
 
     def flush_pending(self) -> None:
         """Publish all clouds that wait for their blocks, judged with the points that there are."""
-        self._do(lambda: self._publish(self._filter.flush_pending()))
+        self.between_clouds(lambda: self._publish(self._filter.flush_pending()))
 
-    def _do(self, command: Callable[[], object], *, in_turn: bool = False) -> None:
+    def between_clouds(self, command: Callable[[], object], *, in_turn: bool = False) -> None:
         """Do something to the filter between two clouds: at once, where there is no thread."""
         if self._thread is None:
             command()

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from catkin_pkg.package import parse_package
-from helpers import ROOT
+from helpers import ROOT, TESTS
 
 import lidar_outlier_filter
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -230,6 +231,57 @@ def test_every_file_names_its_licence() -> None:
         '# SPDX-License-Identifier: Apache-2.0\n'
     )
     assert [path.name for path in python_files() if not path.read_text().startswith(header)] == []
+
+
+# Prints what each built-in detector finds in clouds of both kinds of scanners; compiles nothing.
+VERDICTS = """
+import sys
+from hashlib import sha256
+from helpers.scans import Drive, sweep
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.kernels import kernel_cache, listeners
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+kernel_cache.CacheFile.allows_portable = is_portable = sys.argv[1] == 'portable'
+if is_portable:
+    listeners.append(sys.exit)
+for name in BUILTIN:
+    chain = Chain(FilterParameters().changed({'chain': [name]}))
+    for points in (sweep(1, 0.1, columns=300), Drive(3, 0.2).points):
+        found = chain.judge(points)
+        print(name, sha256(found.detectors.tobytes() + found.score.tobytes()).hexdigest())
+assert bool(kernel_cache.portable) == is_portable
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_wheel_brings_portable_kernels(tmp_path: Path) -> None:
+    """From a wheel, nothing is compiled for the first answer, which is that of host kernels."""
+    ignored = shutil.ignore_patterns('.*', '__pycache__', '*.egg-info', 'demo_output', 'build')
+    shutil.copytree(ROOT, tmp_path / 'sources', ignore=ignored)
+    every = {**os.environ, 'LIDAR_OUTLIER_FILTER_COMPILE': ','.join(BUILTIN)}
+    words = ['pip', 'wheel', '--no-deps', '--no-build-isolation', '-w', str(tmp_path)]
+    build = [sys.executable, '-m', *words, str(tmp_path / 'sources')]
+    done = subprocess.run(build, env=every, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob('*.whl')
+    installed = tmp_path / 'installed'
+    shutil.unpack_archive(wheel, installed, 'zip')
+    files = {path.parent.name for path in installed.rglob('*.nb[ic]')}
+    assert files == {'portable'}
+    found = {}
+    for which, package in (('portable', installed), ('host', ROOT)):
+        paths = [str(package), str(TESTS), *filter(None, [os.environ.get('PYTHONPATH')])]
+        env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+        env['NUMBA_CACHE_DIR'] = str(tmp_path / 'none') if which == 'portable' else ''
+        judge = [sys.executable, '-P', '-c', VERDICTS, which]
+        done = subprocess.run(judge, env=env, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, '')
+        found[which] = done.stdout
+    assert found['portable'] == found['host']
+    assert found['host'].count('\n') == 2 * len(BUILTIN)
 
 
 class Workspace:

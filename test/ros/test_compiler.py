@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers.programs import TIMEOUT
 
+from lidar_outlier_filter.core.kernels import kernel_cache
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.ros import compiler
@@ -53,7 +54,7 @@ class Beside(Compiler):
     def __init__(self) -> None:
         self.taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
         self.warned: list[str] = []
-        super().__init__(self.taken.put, str, self.warned.append)
+        super().__init__(self.taken.put, str, self.warned.append, lambda command: command())
 
 
 @pytest.fixture
@@ -119,6 +120,37 @@ def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
     assert beside.warned == ['a detector raised an error while it was compiled: no such thing']
 
 
+def test_portable_kernels_are_replaced_beside_the_filter(
+    loading: Loading, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They take over at once; those of the host between two blocks, and that is said once."""
+    steps: queue.SimpleQueue[str] = queue.SimpleQueue()
+    compiled = threading.Event()
+
+    def compile_all(_processes: compiling.Processes, _work: object) -> list[str]:
+        assert compiled.wait(TIMEOUT)
+        return []
+
+    monkeypatch.setattr(kernel_cache, 'portable', {'a kernel'})
+    monkeypatch.setattr(kernel_cache, 'read_host', lambda: lambda: steps.put('replaced'))
+    monkeypatch.setattr(compiling.Processes, 'run', compile_all)
+    between: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+    taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
+    beside = Compiler(taken.put, steps.put, steps.put, between.put)
+    beside.request(FIRST)
+    loading.go_on.release()
+    assert taken.get(timeout=TIMEOUT) == FIRST
+    # Another threshold ends nothing.
+    loading.ready.append(stricter := FIRST.changed({'max_delay': 9.0}))
+    beside.request(stricter)
+    assert taken.get(timeout=TIMEOUT) == stricter
+    compiled.set()
+    between.get(timeout=TIMEOUT)()
+    assert steps.get_nowait() == 'replaced'
+    assert steps.get_nowait() == 'kernels for this processor, compiled beside for 0 s, take over'
+    assert steps.empty()
+
+
 def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the time that the finished parts took on this machine."""
     clock = iter([100.0, 114.0])
@@ -134,7 +166,7 @@ def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(compiler, 'make_ready', lambda _parameters: None)
     monkeypatch.setattr(compiler, 'monotonic', lambda: next(clock))
     taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
-    beside = Compiler(taken.put, said.append, said.append)
+    beside = Compiler(taken.put, said.append, said.append, lambda command: command())
     beside.request(FIRST)
     assert taken.get(timeout=TIMEOUT) == FIRST
     assert said[0] == 'compiling lof; clouds pass unfiltered until then'

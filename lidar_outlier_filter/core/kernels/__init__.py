@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops: how they are made, kept, and run in threads.
 
-It imports nothing, so that commands can add a listener before NumPy and numba are there.
+It imports nothing heavy, so that commands can add a listener before NumPy and numba are there.
 """
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,3 +16,6 @@ if TYPE_CHECKING:
 # Called in this order, in the thread that compiles, with the name of the kernel's module. One that
 # raises keeps the kernel from being compiled, and those behind it from being called.
 listeners: list[Callable[[str], object]] = []
+
+# What kernels in a wheel are compiled for: processors of about ten years run that.
+PORTABLE = 'x86-64-v3' if os.uname().machine == 'x86_64' else 'generic'

@@ -6,10 +6,12 @@ numba looks at the kernel's own file only. A kernel that calls one of another fi
 old machine code after a change there. So kernels carry a hash of all files that they may be made
 from: those of their own folder, and those of the rooms of ``core`` that every detector uses. Those
 that check the bounds of arrays (``NUMBA_BOUNDSCHECK=1``) have another hash. Kernels of another hash
-are not read, and removed when the kernel is compiled anew.
+or numba are not read, and removed when the kernel is compiled anew.
 
 They lie beside the sources where that can be written, and are read there where it cannot. New ones
-then go to the user's own cache, or to a folder that is removed at the end.
+then go to the user's own cache, or to a folder that is removed at the end. Portable ones came with
+the package, in folders ``portable``: they run where there are none for this very processor. What is
+compiled from them is kept by itself, so that nobody takes it for code of the host alone.
 """
 
 from __future__ import annotations
@@ -19,23 +21,36 @@ import os
 import re
 import shutil
 import tempfile
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Event, Listener, register
 
-from lidar_outlier_filter.core.kernels import listeners
+from lidar_outlier_filter.core.kernels import PORTABLE, listeners
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 CORE = Path(__file__).parents[1]
 # The folders whose kernels and constants those of all others may use.
 SHARED = ('.', 'detectors', 'kernels', 'neighbours', 'points', 'scan_pattern')
 
-complaints: list[str] = []  # why what is compiled is not kept, one sentence for each reason
+# What a processor of the portable level has, in numba's words.
+NEEDED = {'+avx2', '+bmi', '+bmi2', '+f16c', '+fma', '+lzcnt', '+movbe', '+xsave'}
+if PORTABLE == 'generic':
+    NEEDED = set()
+
+complaints: list[str] = []  # why kernels are not read, or not kept: a sentence for each reason
+portable: set[Any] = set()  # the kernels of this process that run portable code
+_replaced: list[Any] = []  # code that another thread may still be running
 
 
 class _Compilations(Listener):
@@ -53,32 +68,82 @@ class _Compilations(Listener):
 register('numba:compile', _Compilations())  # type: ignore[no-untyped-call]
 
 
-class CacheFile(IndexDataCacheFile):
-    """The files of one kernel on disk: an index, and machine code for each of its signatures."""
+class _Files(IndexDataCacheFile):
+    """The files of one kernel in a folder: an index, and machine code for each of its signatures.
 
-    def __init__(self, usual: IndexDataCacheFile, source: str) -> None:
+    Each ends with a digest of its content: what is damaged is not read.
+    """
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
+        content = BytesIO()
+        with super()._open_for_write(filepath) as file:
+            yield content
+            file.write(content.getvalue() + sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
+
+    def _load_data(self, name: str) -> Any:
+        if not _is_whole(self._data_path(name)):  # type: ignore[no-untyped-call]
+            raise OSError
+        return super()._load_data(name)  # type: ignore[no-untyped-call]
+
+
+class CacheFile(_Files):
+    """The files of one kernel, wherever they are."""
+
+    allows_portable = True  # in this process
+
+    def __init__(self, usual: IndexDataCacheFile, source: str, kernel: object) -> None:
         """Lie where numba would put the files of a kernel of the file ``source``."""
         index, room = Path(usual._index_path), Path(source).parent  # noqa: SLF001  it has no other name
         # In the name, not in the index: an index of other sources may name classes that are gone.
         mine = stamp(room)[:DIGITS]
         # Without the number of its line: a kernel that moves replaces its files.
         name = re.sub(r'-\d+(?=\.py\d+$)', '', index.stem)
-        super().__init__(str(index.parent), f'{name}.{mine}', mine)  # type: ignore[no-untyped-call]
-        self._name, self._mine = f'{name}.', f'{name}.{mine}.'
-        self._installed = IndexDataCacheFile(  # type: ignore[no-untyped-call]
-            str(room / '__pycache__'), f'{name}.{mine}', mine
+        self._brought = room / 'portable'
+        folder = index.parent
+        if numba.config.CPU_NAME == PORTABLE:  # type: ignore[attr-defined]
+            folder = self._brought
+            folder.mkdir(exist_ok=True)
+        super().__init__(str(folder), f'{name}.{mine}', mine)  # type: ignore[no-untyped-call]
+        self._kernel, self._name, self._mine = kernel, f'{name}.', f'{name}.{mine}.'
+        self._installed, self._portable = (
+            _Files(str(one), f'{name}.{mine}', mine)  # type: ignore[no-untyped-call]
+            for one in (room / '__pycache__', self._brought)
         )
 
     def load(self, key: Any) -> Any:
         """Read machine code, or what came with the installation; None where there is none."""
-        try:
-            found = super().load(key)  # type: ignore[no-untyped-call]
-            return self._installed.load(key) if found is None else found  # type: ignore[no-untyped-call]
-        except OSError:  # as a folder that is none; a file that is missing is None anyway
+        found = super().load(key)  # type: ignore[no-untyped-call]
+        if found is None:
+            found = self._installed.load(key)  # type: ignore[no-untyped-call]
+        if found is None and self.allows_portable:
+            found = self._load_portable(*key)
+            if found is None:
+                found = super().load(_beside_portable(*key))  # type: ignore[no-untyped-call]
+            if found is not None:
+                portable.add(self._kernel)
+        return found
+
+    def _load_portable(self, signature: object, machine: tuple[str, str, str], code: object) -> Any:
+        """Read what came with the package, where it is of these sources and for this processor."""
+        triple, _, features = machine
+        if not any(self._brought.glob(f'{self._name.partition(".py")[0]}.*')):
             return None
+        if not set(features.split(',')) >= NEEDED:
+            _complain(f'this processor is not {PORTABLE}: the kernels of the package are not used')
+            return None
+        if not (self._brought / self._index_name).exists():
+            _complain('the kernels of the package are of other versions, and are not used')
+        return self._portable.load((signature, (triple, PORTABLE, ''), code))  # type: ignore[no-untyped-call]
 
     def save(self, key: Any, data: Any) -> None:
         """Write machine code, and remove what was made from other sources."""
+        if portable:
+            portable.add(self._kernel)
+            key = _beside_portable(*key)
         try:
             super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as err:
@@ -87,6 +152,58 @@ class CacheFile(IndexDataCacheFile):
         for path in Path(self._cache_path).glob(f'{self._name}*.nb[ic]'):
             if not path.name.startswith(self._mine):
                 path.unlink(missing_ok=True)
+
+
+def _beside_portable(signature: object, machine: tuple[str, str, str], code: object) -> Any:
+    """Return the key of what a process compiles that runs portable code: it may contain that."""
+    triple, name, features = machine
+    return signature, (triple, name, f'{features},portable'), code
+
+
+def _is_whole(path: str) -> bool:
+    """Return whether a file is there, and ends with the digest of its content."""
+    try:
+        content = Path(path).read_bytes()
+    except OSError:  # as a folder that is none
+        return False
+    size = sha256().digest_size
+    is_whole = sha256(content[:-size]).digest() == content[-size:]
+    if not is_whole:
+        _complain(f'{path} is damaged, and not read')
+    return is_whole
+
+
+def read_host() -> Callable[[], None]:
+    """Read code of the host for the kernels that run portable code; return what replaces that.
+
+    A kernel may be running meanwhile: the old code is kept. One that the host has not stays.
+    """
+    with global_compiler_lock:
+        CacheFile.allows_portable = False
+        found = {
+            kernel: [
+                kernel._cache.load_overload(types, kernel.targetctx)  # noqa: SLF001  as in kernels.py
+                for types in kernel.overloads
+            ]
+            for kernel in portable
+        }
+        CacheFile.allows_portable = True
+
+    def replace() -> None:
+        with global_compiler_lock:
+            for kernel, results in found.items():
+                if None in results or kernel not in portable:
+                    continue
+                portable.remove(kernel)
+                _replaced.append(dict(kernel.overloads))
+                kernel._reset_overloads()  # noqa: SLF001
+                for one in results:
+                    kernel.targetctx.insert_user_function(
+                        one.entry_point, one.fndesc, [one.library]
+                    )
+                    kernel.add_overload(one)
+
+    return replace
 
 
 def use_temporary_folder() -> None:
@@ -109,7 +226,8 @@ def _complain(sentence: str) -> None:
 @cache
 def stamp(folder: Path) -> str:
     """Hash the sources that kernels of a folder may be made from."""
-    total = sha256(b'bounds' if numba.config.BOUNDSCHECK else b'')  # type: ignore[attr-defined]
+    checks = numba.config.BOUNDSCHECK  # type: ignore[attr-defined]
+    total = sha256(f'{numba.__version__} {checks}'.encode())
     for room in (*(CORE / name for name in SHARED), folder):
         for path in sorted(room.glob('*.py')):
             total.update(path.name.encode() + sha256(path.read_bytes()).digest())

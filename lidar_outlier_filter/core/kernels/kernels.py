@@ -94,7 +94,7 @@ def _compile(function: Function, **more: object) -> Function:
     # numba offers no other way. There is no cache where NUMBA_DISABLE_JIT is set.
     cache = getattr(compiled, '_cache', None)
     if cache is not None:
-        file = CacheFile(cache._cache_file, function.__code__.co_filename)  # noqa: SLF001
+        file = CacheFile(cache._cache_file, function.__code__.co_filename, compiled)  # noqa: SLF001
         cache._cache_file = file  # noqa: SLF001
     return cast('Function', compiled)
 

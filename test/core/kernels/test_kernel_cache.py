@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from lidar_outlier_filter.core.kernels import kernel_cache
+from lidar_outlier_filter.core.kernels import PORTABLE, kernel_cache
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +40,9 @@ FILES = {
     ),
 }
 CODE = """
-from lidar_outlier_filter.core.kernels.kernel_cache import complaints
+import os
+from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, complaints
+CacheFile.allows_portable = 'HOST_ONLY' not in os.environ
 from toy.caller import answer
 print(answer(1), sum(answer.stats.cache_hits.values()), len(complaints))
 """
@@ -137,10 +139,45 @@ def test_no_folder_can_be_written(toy: Path, tmp_path: Path) -> None:
 def test_a_kernel_that_cannot_be_saved_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk is one sentence."""
     usual = IndexDataCacheFile('/dev/null', 'room.kernel-1.py311', None)  # type: ignore[no-untyped-call]
-    file = kernel_cache.CacheFile(usual, __file__)
+    file = kernel_cache.CacheFile(usual, __file__, None)
     monkeypatch.setattr(kernel_cache, 'complaints', [])
     for _ in range(2):
         file.save('key', 'data')
     assert kernel_cache.complaints == [
         'what is compiled is not kept, as /dev/null: Not a directory'
     ]
+
+
+@pytest.fixture
+def brought(toy: Path) -> Path:
+    """Compile the toy package for all processors of a level; nothing is kept for this one."""
+    assert run(toy, NUMBA_CPU_NAME=PORTABLE, NUMBA_CPU_FEATURES='') == [22, 0, 0]
+    assert {path.parent.name for path in toy.rglob('*.nb[ic]')} == {'portable'}
+    return toy
+
+
+def test_portable_kernels_run_where_there_are_none_for_the_host(brought: Path) -> None:
+    """They are never taken for those of the host, nor is what was compiled beside them."""
+    assert run(brought) == [22, 1, 0]
+    assert {path.parent.name for path in brought.rglob('*.nb[ic]')} == {'portable'}
+    for path in brought.rglob('portable/caller.*'):
+        path.unlink()
+    assert run(brought) == [22, 0, 0]  # this one contains the portable callee
+    assert run(brought) == [22, 1, 0]
+    assert run(brought, HOST_ONLY='1') == [22, 0, 0]
+    assert run(brought, HOST_ONLY='1') == [22, 1, 0]
+
+
+def test_portable_kernels_that_are_not_run(brought: Path) -> None:
+    """Of a processor that lacks something, of other sources, or damaged: a sentence each."""
+    if kernel_cache.NEEDED:
+        assert run(brought, NUMBA_CPU_FEATURES='+avx2') == [22, 0, 1]
+    for suffix in ('nbi', '1.nbc'):
+        (file,) = brought.rglob(f'portable/caller.answer.*.{suffix}')
+        content = file.read_bytes()
+        file.write_bytes(content[:-50] + bytes([content[-50] ^ 1]) + content[-49:])
+        assert run(brought, NUMBA_CACHE_DIR=str(brought / suffix)) == [22, 0, 1]
+        file.write_bytes(content)
+    assert run(brought) == [22, 1, 0]
+    (brought / 'toy' / 'number.py').write_text('NUMBER = 20\n')
+    assert run(brought) == [42, 0, 1]
