@@ -153,8 +153,8 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope='session')
 def written(found: Gathered, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the page of the report."""
-    from lidar_outlier_filter.report.page import write_page  # noqa: PLC0415
+    from lidar_outlier_filter.report.page import page  # noqa: PLC0415
 
     path = tmp_path_factory.mktemp('page') / 'report.html'
-    write_page(found, path)
+    path.write_text(page(found), encoding='utf-8')
     return path

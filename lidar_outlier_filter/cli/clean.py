@@ -264,9 +264,12 @@ class _LookForWorst:
 
         found = find(judged)
         if self.picture is not None:
+            from lidar_outlier_filter.disk.new_files import new_output
+            from lidar_outlier_filter.errors import CloudError
             from lidar_outlier_filter.report.figures import draw_worst
 
-            draw_worst(judged, found, self.picture)
+            with new_output(self.picture, error=CloudError) as built:
+                draw_worst(judged, found, built)
         return found
 
 

@@ -14,6 +14,7 @@ from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.evaluation.judged import Judged
@@ -159,10 +160,29 @@ def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
     files, codes = truth_of(options, options.verdicts)
     if is_recording(options.verdicts):
         given = (options.verdicts, options.topic, options.label, codes, files)
-        return judged.read_recording(*given), codes
+        return read_recording(*given), codes
     columns = {name: getattr(options, name) for name in ('label', 'score', 'verdict', 'threshold')}
     truth = files[0] if files else options.verdicts
     return judged.read_files(options.verdicts, truth, codes, **columns), codes
+
+
+def read_recording(
+    path: Path,
+    topic: str | None = None,
+    label: str = '',
+    codes: Codes | None = None,
+    files: Sequence[Path] = (),
+) -> Judged:
+    """Read verdicts and truth of a recording; by default its labels are causes."""
+    from lidar_outlier_filter.evaluation.judged import CAUSES, read_clouds
+    from lidar_outlier_filter.evaluation.labels import CloudLabels
+    from lidar_outlier_filter.recordings.bags import Recording
+    from lidar_outlier_filter.recordings.split_clouds import filtered_topic, split_clouds
+
+    with Recording(path) as source:
+        topic = filtered_topic(source, topic)
+        clouds = split_clouds(source, topic, with_inputs=bool(files))
+        return read_clouds(clouds, CloudLabels(topic, label, files), codes or CAUSES)
 
 
 def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:

@@ -90,8 +90,9 @@ def _outputs(options: argparse.Namespace) -> list[Path | None]:
 
 
 def _report(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.disk.new_files import FOLDER, new_output
     from lidar_outlier_filter.report.gather import gather
-    from lidar_outlier_filter.report.page import write_page
+    from lidar_outlier_filter.report.page import page
 
     output, figures = _outputs(options)
     if output is None and figures is None:
@@ -102,11 +103,13 @@ def _report(options: argparse.Namespace) -> int:
         source, codes = _source(options)
         found = gather(source, codes, options.points, progress)
         if output is not None:
-            write_page(found, output)
+            with new_output(output) as built:
+                built.write_text(page(found), encoding='utf-8')
         if figures is not None:
-            from lidar_outlier_filter.report.figures import write_figures
+            from lidar_outlier_filter.report.figures import draw_all
 
-            write_figures(found, figures)
+            with new_output(figures, FOLDER) as built:
+                draw_all(found, built)
     show(*(f'written to {path}' for path in (output, figures) if path is not None))
     drawn, valid = len(found.points), found.all.points
     if drawn < valid:

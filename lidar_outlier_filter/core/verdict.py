@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
+# Columns that clouds and files gain.
+SCORE, DETECTORS, REASON = 'outlier_score', 'outlier_detectors', 'outlier_reason'
+OUTLIER = 'outlier'
 ALL = sum(BITS)  # bits for detectors
 # Beside the bit of a detector: it says more of the point, as the detector declares. It says nothing
 # alone, and has no vote.

@@ -8,13 +8,14 @@ rejected, are no points: they are left out.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.points.points import is_return
+from lidar_outlier_filter.core.verdict import DETECTORS, OUTLIER, SCORE
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
@@ -29,21 +30,18 @@ from lidar_outlier_filter.evaluation.labels import (
     usual_column,
     words,
 )
-from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
-from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
-from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_filter.messages.cloud import AXES, is_empty, structured
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.annotations import Ints, Rows
 
-SURFACE, OUTLIER = 'surface', 'outlier'
-INPUT = ''  # what follows the name of the topic for the input clouds
+SURFACE = 'surface'
 # What the label of a simulated drive says.
 CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
 
@@ -104,40 +102,30 @@ class Judged:
         return self.index * count // length, count
 
 
-def read_recording(
-    recording: Path,
-    topic: str | None = None,
-    label: str = '',
-    codes: Codes = CAUSES,
-    files: Sequence[Path] = (),
+def read_clouds(
+    clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels, codes: Codes = CAUSES
 ) -> Judged:
-    """Read the answers in the output of a run, and the truth they carry or that files hold.
+    """Read the clouds that a run wrote, and the truth they carry or that files hold.
 
     Parameters
     ----------
-    recording : output of a replay, or a recording of a live run
-    topic : of the clouds that were filtered; None: the only one that was
-    label : field with the truth, or column of the files; empty: ``label``, and in files
-        ``classification`` first
-    codes : what its values mean
-    files : one for each cloud, in order; none: the truth is a field of the clouds
-
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be read, has no such answers, or no truth for them.
+    clouds : messages, and whether their points are rejected; None: an input, read if there are
+        label files
+    labels : of the topic that was filtered
+    codes : what its labels mean
 
     """
-    parts = [_part(one) for one in answers(recording, topic, label, files)]
+    parts = [_part(one) for one in answers(clouds, labels)]
+    what = f'the answers to {labels.topic}'
     if not parts:
-        raise RecordingError(f'the answers in {recording}', 'at least one point', 'none')
+        raise RecordingError(what, 'at least one point', 'none')
     columns: dict[str, Any] = {}
     for field in fields(Judged):
         values = [getattr(part, field.name) for part in parts]
         known = [one is not None for one in values]
         if any(known) and not all(known):
-            what = f'the fields of the answers in {recording}'
-            raise RecordingError(what, 'the same in all', f'{field.name} in some')
+            got = f'{field.name} in some'
+            raise RecordingError(f'the fields of {what}', 'the same in all', got)
         columns[field.name] = np.concatenate(values) if all(known) else None
     return _with_truth(Judged(**columns), codes)
 
@@ -152,72 +140,62 @@ class JoinedAnswer(NamedTuple):
 
 
 def answers(
-    recording: Path, topic: str | None, label: str = '', files: Sequence[Path] = ()
+    clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
 ) -> Iterator[JoinedAnswer]:
-    """Yield every cleaned and outlier cloud that has any points."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Recording(recording) as source:
-        topic = _choose(source, topic)
-        requested = {topic + CLEANED: CLEANED, topic + OUTLIERS: OUTLIERS}
-        if files:
-            requested[topic] = INPUT
-        channels = [one for one in source.topics if one.name in requested and one.msgtype == CLOUD]
-        if len(channels) < len(requested):
-            must_be = f'with {topic}, which the labels are for'
-            raise RecordingError(f'the recording {recording}', must_be, f'no {topic}')
-        clouds = (
-            (requested[channel.name], store.deserialize_cdr(data, channel.msgtype))
-            for channel, _, data in source.messages(channels)
-        )
-        labels = CloudLabels(topic, label, files)
-        yield from _beside(clouds, labels, topic) if files else _inside(clouds, labels)
+    """Yield every cleaned and outlier cloud that has any points; see :func:`read_clouds`."""
+    return _beside(clouds, labels) if labels.files else _inside(clouds, labels)
 
 
-def _inside(clouds: Iterable[tuple[str, Any]], labels: CloudLabels) -> Iterator[JoinedAnswer]:
+def _inside(
+    clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
+) -> Iterator[JoinedAnswer]:
     """Yield answers whose truth is a field of theirs."""
-    counts = {CLEANED: 0, OUTLIERS: 0}
-    for which, message in clouds:
-        number = counts[which]
-        counts[which] += 1
+    counts = Counter[bool]()
+    for rejected, message in clouds:
+        if rejected is None:
+            continue
+        number = counts[rejected]
+        counts[rejected] += 1
         if not is_empty(message):
             points = structured(message).reshape(-1)
-            yield JoinedAnswer(points, which == OUTLIERS, labels.read(number, message), number)
+            yield JoinedAnswer(points, rejected, labels.read(number, message), number)
 
 
 def _beside(
-    clouds: Iterable[tuple[str, Any]], labels: CloudLabels, topic: str
+    clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
 ) -> Iterator[JoinedAnswer]:
     """Yield answers whose truth is in one file for each input cloud, found by their stamps.
 
     Inputs and answers come in any order; an input without answers was refused by the filter.
     """
     numbers: dict[tuple[int, int], int] = {}
-    pending: dict[tuple[int, int], dict[str, Any]] = {}
+    pending: dict[tuple[int, int], dict[bool | None, Any]] = {}
     for which, message in clouds:
         stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
-        if which == INPUT:
+        if which is None:
             if stamp in numbers:
-                raise RecordingError(f'the stamps of {topic}', 'different', f'{stamp} twice')
+                raise RecordingError(f'the stamps of {labels.topic}', 'different', f'{stamp} twice')
             numbers[stamp] = len(numbers)
         together = pending.setdefault(stamp, {})
         together[which] = message
-        if len(together) == len((INPUT, CLEANED, OUTLIERS)):
-            yield from _join(pending.pop(stamp), numbers[stamp], labels, topic)
+        if len(together) == len((None, False, True)):
+            yield from _join(pending.pop(stamp), numbers[stamp], labels)
     if unknown := pending.keys() - numbers.keys():
-        must_be = f'to clouds of {topic}, by their stamps'
+        must_be = f'to clouds of {labels.topic}, by their stamps'
         raise RecordingError('the answers', must_be, f'one with {unknown.pop()}')
     labels.check_count(len(numbers))
 
 
 def _join(
-    together: Mapping[str, Any], number: int, labels: CloudLabels, topic: str
+    together: Mapping[bool | None, Any], number: int, labels: CloudLabels
 ) -> Iterator[JoinedAnswer]:
     """Give the two answers to one cloud the labels of their points."""
-    messages = [together[which] for which in (INPUT, CLEANED, OUTLIERS)]
+    messages = [together[which] for which in (None, False, True)]
     code = labels.read(number, messages[0])
     found = match(*(_rows(message, messages[0].point_step) for message in messages))
     if found is None:
-        raise RecordingError('the answers', f'the points of cloud {number} of {topic}', 'others')
+        must_be = f'the points of cloud {number} of {labels.topic}'
+        raise RecordingError('the answers', must_be, 'others')
     for message, index, rejected in zip(messages[1:], found, (False, True), strict=True):
         if not is_empty(message):
             points = structured(message).reshape(-1)
@@ -250,20 +228,6 @@ def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | Non
     where = np.empty(len(given), np.int64)
     where[in_split] = in_given
     return where[: len(cleaned)], where[len(cleaned) :]
-
-
-def _choose(source: Recording, topic: str | None) -> str:
-    """Find the topic whose answers are to be scored."""
-    names = {channel.name for channel in source.topics if channel.msgtype == CLOUD}
-    inputs = sorted(name.removesuffix(CLEANED) for name in names if name.endswith(CLEANED))
-    filtered = [name for name in inputs if name + OUTLIERS in names]
-    if topic is None and len(filtered) == 1:
-        return filtered[0]
-    if topic not in filtered:
-        known = ', '.join(filtered) or 'none'
-        must_be = f"one of those with '{CLEANED}' and '{OUTLIERS}' ({known})"
-        raise RecordingError(f'the topic to score in {source.path}', must_be, repr(topic))
-    return str(topic)
 
 
 def _part(answer: JoinedAnswer) -> Judged:

@@ -164,13 +164,13 @@ class CloudLabels:
     def __init__(self, topic: str, name: str = '', files: Sequence[Path] = ()) -> None:
         """Name the field or the column; empty: ``label``, in files ``classification`` first."""
         self.files = files
-        self._topic, self._name = topic, name
+        self.topic, self._name = topic, name
 
     def read(self, number: int, message: Any) -> Ints:
         """Return the labels (N,) of all points of a cloud, row by row."""
         if self.files:
             if number >= len(self.files):
-                must_be = f'one for each cloud of {self._topic}'
+                must_be = f'one for each cloud of {self.topic}'
                 raise RecordingError('the files with labels', must_be, len(self.files))
             return read_codes_of(self.files[number], message.width * message.height, self._name)
         if is_empty(message):
@@ -179,13 +179,13 @@ class CloudLabels:
         names = points.dtype.names or ()
         if name not in names or points.dtype[name].kind not in 'iu':
             must_be = f'with whole numbers {name!r}'
-            raise RecordingError(f'the fields of {self._topic}', must_be, ', '.join(names))
+            raise RecordingError(f'the fields of {self.topic}', must_be, ', '.join(names))
         return np.asarray(points[name].astype(np.int64))
 
     def check_count(self, clouds: int) -> None:
         """Refuse files that are more or fewer than the clouds of the topic."""
         if self.files and len(self.files) != clouds:
-            must_be = f'one for each of the {clouds} clouds of {self._topic}'
+            must_be = f'one for each of the {clouds} clouds of {self.topic}'
             raise RecordingError('the files with labels', must_be, len(self.files))
 
 

@@ -25,7 +25,7 @@ from lidar_outlier_filter.evaluation.confusion import (
     tally,
 )
 from lidar_outlier_filter.evaluation.labels import words
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -20,7 +20,7 @@ import numpy as np
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors import registry
-from lidar_outlier_filter.core.verdict import EXTRA
+from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
 from lidar_outlier_filter.disk.new_files import new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
@@ -35,7 +35,6 @@ from lidar_outlier_filter.files.judged_file import (
     timed,
 )
 from lidar_outlier_filter.files.points import say_coarse
-from lidar_outlier_filter.messages.cloud import DETECTORS, REASON, SCORE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,7 +51,6 @@ if TYPE_CHECKING:
 
     MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
-OUTLIER = 'outlier'
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
     'python-neo-lzf': 'lzf',

@@ -15,16 +15,19 @@ import numpy as np
 
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
-from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
-from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.messages.decoder import (
+from lidar_outlier_filter.core.points.points import (
     INTENSITY_NAMES,
     LINE_NAMES,
     TIME_NAMES,
+    Points,
+    check_sigma,
     guess_unit,
+    returns,
     to_nanoseconds,
+    too_coarse,
 )
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

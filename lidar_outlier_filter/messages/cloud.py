@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.verdict import EXTRA
+from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, REASON, SCORE
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(FORMATS[:11]
 AXES = ('x', 'y', 'z')
 MAX_LAYOUTS = 64  # of one topic, which has one or two
 MAX_NAMES = 10_000  # characters of the names of all fields
-SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
-REASON = 'outlier_reason'
+NUMBER = 'outlier_detector_number'
 # What `scores` adds behind each point, by numpy's names of the types
 SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1', REASON: 'u1'}
 BYTES_OF_SCORES = sum(np.dtype(kind).itemsize for kind in SCORE_FIELDS.values())

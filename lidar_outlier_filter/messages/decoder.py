@@ -12,7 +12,19 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, Mask, mask_of, masked
-from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
+from lidar_outlier_filter.core.points.points import (
+    INTENSITY_NAMES,
+    LINE_NAMES,
+    NANOSECONDS,
+    SECOND,
+    TIME_NAMES,
+    Points,
+    check_sigma,
+    guess_unit,
+    returns,
+    to_nanoseconds,
+    too_coarse,
+)
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
@@ -29,12 +41,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-TIME_NAMES = ('t', 'time', 'timestamp', 'time_stamp', 'offset_time', 'time_offset', 't_offset')
-LINE_NAMES = ('ring', 'channel', 'line', 'laser_id')
-INTENSITY_NAMES = ('intensity', 'reflectivity', 'reflectance')
-NANOSECONDS = {'s': SECOND, 'us': 1000, 'ns': 1}
-LONGEST = 2**61  # nanoseconds: 73 years, and sums of two still fit
 
 
 @dataclass(frozen=True)
@@ -337,49 +343,3 @@ def _choose(
         return name
     names = view.dtype.names or ()
     return next((n for n in usual if n in names and view.dtype[n].kind in kinds), None)
-
-
-def guess_unit(dtype: np.dtype[Any], size: NDArray[np.float64]) -> str:
-    """Return seconds from nanoseconds by the type of a time field and the size of its values.
-
-    Integers are nanoseconds (Ouster ``t``, Autoware ``time_stamp``, Livox ``offset_time``); float32
-    are seconds (Velodyne ``time``). A float64 is seconds up to 10 (relative) and from 1e9 to 1e14
-    (absolute since 2001: Hesai, Robosense ``timestamp``), nanoseconds from 1e14 (absolute: Livox
-    ``timestamp``); between 10 and 1e9 it is nanoseconds if all are whole numbers (relative), else
-    seconds since the sensor's start.
-
-    """
-    if dtype.kind != 'f':
-        return 'ns'
-    largest = float(np.nanmax(size, initial=0))
-    if dtype.itemsize == 4 or largest <= 10:  # noqa: PLR2004  float32; ten seconds
-        return 's'
-    if largest >= 1e14:  # noqa: PLR2004
-        return 'ns'
-    whole = bool((size == np.floor(size)).all())
-    return 'ns' if largest < 1e9 and whole else 's'  # noqa: PLR2004
-
-
-def to_nanoseconds(values: NDArray[Any], valid: NDArray[np.bool_], unit: str) -> NDArray[np.int64]:
-    """Convert times to whole nanoseconds; what is not valid becomes 0.
-
-    Whole and broken part of a float are scaled apart, so that absolute stamps keep what they hold.
-
-    Raises
-    ------
-    CloudError
-        If a valid point's time is not finite or beyond ±73 years.
-
-    """
-    factor = NANOSECONDS[unit]
-    known = np.where(valid, values, values.dtype.type(0))
-    fine = np.abs(known.astype(np.float64)) < LONGEST / factor
-    if not fine.all():
-        raise CloudError('the time of a point', 'finite and within 73 years', known[~fine][0])
-    if known.dtype.kind != 'f':
-        return np.asarray(known.astype(np.int64) * factor)
-    exact = known.astype(np.float64)
-    whole = np.floor(exact)
-    return np.asarray(
-        whole.astype(np.int64) * factor + np.rint((exact - whole) * factor).astype(np.int64)
-    )

@@ -12,10 +12,10 @@ import numpy as np
 
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
-from lidar_outlier_filter.core.points.points import Points, is_return
+from lidar_outlier_filter.core.points.points import Points, is_return, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
-from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
+from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from time import perf_counter
@@ -16,8 +17,6 @@ from rosbags.serde import SerdeError
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
-from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
@@ -171,16 +171,18 @@ def describe_recording(
 def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
     """Describe clouds of a topic, and filter them by the defaults."""
     types = known_types()
-    parameters = FilterParameters()
     prefix = f'{topic.name}: '
-    stream = CloudTopic(topic, parameters, cloud.found.append)
-    decoder = Decoder(parameters)
-    for _, time, data in messages:
+    stream = CloudTopic(topic, FilterParameters(), cloud.found.append)
+
+    def note(taken: StreamCloud, _msg: Any, _number: int) -> None:
         if cloud.geometry is None:
-            try:
-                _describe(cloud, types.deserialize_cdr(data, CLOUD), decoder)
-            except (SerdeError, CloudError):  # the filter counts it
-                decoder.undo()
+            cloud.geometry = scan_geometry(taken)
+
+    stream.show(note)
+    for _, time, data in messages:
+        if not cloud.fields:
+            with suppress(SerdeError):  # the filter counts it
+                _describe(cloud, types.deserialize_cdr(data, CLOUD))
         began = perf_counter()
         stream.feed(time, data)
         cloud.seconds += perf_counter() - began
@@ -191,12 +193,10 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
     cloud.found = [text.removeprefix(prefix) for text in cloud.found]
 
 
-def _describe(cloud: CloudInfo, msg: Any, decoder: Decoder) -> None:
-    if not cloud.fields:
-        cloud.frame = str(msg.header.frame_id)
-        cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
-        cloud.fields = tuple(f'{one.name} {_kind(one.datatype)}' for one in msg.fields)
-    cloud.geometry = scan_geometry(decoder.decode(msg))
+def _describe(cloud: CloudInfo, msg: Any) -> None:
+    cloud.frame = str(msg.header.frame_id)
+    cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
+    cloud.fields = tuple(f'{one.name} {_kind(one.datatype)}' for one in msg.fields)
 
 
 def _kind(number: int) -> str:
@@ -214,13 +214,11 @@ def _note_stamp(cloud: CloudInfo, time: int, data: bytes) -> None:
     cloud.stamps.add(stamp)
 
 
-def scan_geometry(points: Points) -> ScanGeometry | None:
+def scan_geometry(cloud: StreamCloud) -> ScanGeometry | None:
     """Estimate the properties of the scanner from a cloud; None without valid points."""
-    invalid = 1 - float(points.valid.mean()) if len(points) else 1.0
-    points = points.take(points.valid)
-    if not len(points):
+    if not len(cloud.points):
         return None
-    points = points.take(order_by_line(points))
+    points = cloud.points.take(order_by_line(cloud.points))
     bounds = line_starts(points.line)
     near, far = np.percentile(points.range, (1, 99))
     found = ScanGeometry(
@@ -229,7 +227,7 @@ def scan_geometry(points: Points) -> ScanGeometry | None:
         int(points.t.max() - points.t.min()) / SECOND,
         float(near),
         float(far),
-        invalid,
+        cloud.absent / cloud.count,
     )
     return _with_rings(found, points, bounds)
 

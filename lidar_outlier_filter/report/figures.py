@@ -12,8 +12,6 @@ from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.points.mask import COLUMNS
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.disk.new_files import FOLDER, new_output
-from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.evaluation.confusion import Confusion, curve
 from lidar_outlier_filter.evaluation.plots import DPI, FRAME, INK, draw_roc, dress, save
 from lidar_outlier_filter.report.page import near_origin
@@ -43,21 +41,8 @@ PANELS = 6  # groups from the side
 AROUND, SLICE, TALL = 16.0, 8.0, 3.0
 
 
-def write_figures(gathered: Gathered, folder: Path) -> list[str]:
-    """Draw all figures into a new folder, which appears whole or not at all; return their names.
-
-    Raises
-    ------
-    RecordingError
-        If the folder exists, or cannot be written.
-
-    """
-    with new_output(folder, FOLDER) as built:
-        _draw_all(gathered, built)
-        return sorted(path.name for path in built.iterdir())
-
-
-def _draw_all(gathered: Gathered, folder: Path) -> None:
+def draw_all(gathered: Gathered, folder: Path) -> None:
+    """Draw all figures into a folder."""
     drawings: dict[str, Callable[[Axes, Gathered], None]] = {
         'map': _plan_of(1),
         'side': _plan_of(2),
@@ -162,14 +147,7 @@ def _counted(axes: Axes, label: str) -> None:
 
 
 def draw_worst(judged: JudgedFile, worst: Worst, path: Path) -> None:
-    """Draw a map and the largest groups from the side into a new PNG.
-
-    Raises
-    ------
-    CloudError
-        If it exists, or cannot be written.
-
-    """
+    """Draw a map and the largest groups from the side into a PNG."""
     figure = Figure(WORST_SIZE, dpi=WORST_DPI, facecolor='white', layout='constrained')
     canvas = FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 4)
@@ -180,8 +158,7 @@ def draw_worst(judged: JudgedFile, worst: Worst, path: Path) -> None:
     count, total = int(judged.verdict.rejected.sum()), len(judged.file)
     title = f'{judged.file.path.name}: {count:,} of {total:,} points rejected'
     figure.suptitle(title, color=INK, fontsize=15)
-    with new_output(path, error=CloudError) as built:
-        canvas.print_png(str(built))  # type: ignore[no-untyped-call]
+    canvas.print_png(str(path))  # type: ignore[no-untyped-call]
 
 
 def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:

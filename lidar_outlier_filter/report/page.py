@@ -18,13 +18,11 @@ import numpy as np
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.evaluation.confusion import curve
 from lidar_outlier_filter.parameters.declaration import MASK, MASKED
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
 from lidar_outlier_filter.report.chains import features
-from lidar_outlier_filter.report.colours import colour
 from lidar_outlier_filter.report.points import (
     intensity_limits,
     message,
@@ -37,7 +35,6 @@ from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.report.gather import Gathered
@@ -54,6 +51,16 @@ MODULES = {
 }
 MAX_ON_CURVE, MAX_ON_PATH = 200, 1000
 MAX_REASONS_LISTED = 8
+_COLOURS = {
+    'alpha_beta_gamma': '#0072b2',
+    'boosted_trees': '#000000',
+    'elevation': '#56b4e9',
+    'hierarchical': '#e69f00',
+    'lof': '#d55e00',
+    'quadric': '#cc79a7',
+    'sor': '#009e73',
+}
+_OF_PLUGINS = ('#7f3c8d', '#a5732a', '#4b6a53', '#8c8c00')
 VEHICLE_COLOUR = '#8c564b'
 FARTHEST_ORIGIN = 1000.0  # metres
 SECTION = 1 << 20  # points of a message, or one frame with more
@@ -111,6 +118,11 @@ def constants() -> dict[str, Any]:
         'detectors': _detectors(),
         'colours': colour_maps(),
     }
+
+
+def colour(name: str, bit: int) -> str:
+    """Return '#rrggbb' for a detector; plug-ins get theirs by their bit."""
+    return _COLOURS.get(name) or _OF_PLUGINS[bit.bit_length() % len(_OF_PLUGINS)]
 
 
 def _detectors() -> list[dict[str, Any]]:
@@ -285,19 +297,6 @@ def _shell(title: str, kind: str, data: str) -> str:
     ):
         whole = whole.replace(f'<!--{mark}-->', text)
     return whole
-
-
-def write_page(gathered: Gathered, output: Path) -> None:
-    """Write the page to a new file, whole or not at all.
-
-    Raises
-    ------
-    RecordingError
-        If the file exists, or cannot be written.
-
-    """
-    with new_output(output) as built:
-        built.write_text(page(gathered), encoding='utf-8')
 
 
 def asset(name: str) -> str:

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

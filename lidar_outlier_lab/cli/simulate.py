@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.cli.terminal import Commands
-    from lidar_outlier_filter.messages.truth import Cause
+    from lidar_outlier_filter.evaluation.truth import Cause
     from lidar_outlier_lab.simulation.world.recording import Cloud
 
 STEPS = 1000  # of the bar

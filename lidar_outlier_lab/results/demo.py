@@ -11,18 +11,22 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, answers, read_recording
+from lidar_outlier_filter.evaluation.judged import CAUSES, answers
+from lidar_outlier_filter.evaluation.labels import CloudLabels
 from lidar_outlier_filter.evaluation.report import evaluate, percent
 from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
+from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.recordings.split_clouds import filtered_topic, split_clouds
 from lidar_outlier_filter.report.gather import gather
-from lidar_outlier_filter.report.page import write_page
+from lidar_outlier_filter.report.page import page
 from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
@@ -76,7 +80,8 @@ def run(
             form = list(FORMS)[-1]
             picture.draw(*_points(folder / form), folder / PICTURE, form)
             source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
-            write_page(gather(source, CAUSES, MOST_DRAWN), folder / PAGE)
+            text = page(gather(source, CAUSES, MOST_DRAWN))
+            (folder / PAGE).write_text(text, encoding='utf-8')
         snowed = _filter(folder / SNOW, snow, {SNOW_FILTERED: {}}, progress, lines_per_message=1)
         with _step(progress, 'drawing snow'):
             turn = _points(folder / SNOW_FILTERED, number=snow.lines // 2)
@@ -110,11 +115,13 @@ def _filter(
 def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void], Bools]:
     """Read the points of a cloud, or of all, and whether each was rejected."""
     points, rejected = [], []
-    for answer in answers(recording, None):
-        if number in {None, answer.number}:
-            xyz = np.stack([answer.points[axis] for axis in AXES], axis=1).astype(np.float64)
-            points.append(answer.points[is_return(xyz)])
-            rejected.append(np.full(len(points[-1]), answer.rejected))
+    with Recording(recording) as source:
+        topic = filtered_topic(source, None)
+        for answer in answers(split_clouds(source, topic), CloudLabels(topic)):
+            if number in {None, answer.number}:
+                xyz = np.stack([answer.points[axis] for axis in AXES], axis=1).astype(np.float64)
+                points.append(answer.points[is_return(xyz)])
+                rejected.append(np.full(len(points[-1]), answer.rejected))
     return np.concatenate(points), np.concatenate(rejected)
 
 

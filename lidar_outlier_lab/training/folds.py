@@ -20,7 +20,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, read_trees
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.training.learner import Drawn, Trained, learn
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVE
 from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene
 from lidar_outlier_lab.training.folds import FOLDS, SceneRecipe
 

@@ -14,9 +14,8 @@ import pytest
 from helpers.labelled import REJECTED, SCORED, TRUTH, answers, rows, write
 from sklearn import metrics
 
-from lidar_outlier_filter.cli.evaluate import label_files
+from lidar_outlier_filter.cli.evaluate import label_files, read_recording
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.evaluation.judged import read_recording
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 from helpers.labelled import BAD, POINT, REJECTED, SCORED, TRUTH, answers, rows, write
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.judged import (
-    CAUSES,
-    Judged,
-    read_recording,
-)
+from lidar_outlier_filter.evaluation.judged import CAUSES, Judged
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_lab.simulation.world.recording import to_message

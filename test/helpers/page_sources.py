@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from helpers.page_runs import DATA, Pages
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
+from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.evaluation.report import percent as exactly
 from lidar_outlier_filter.recordings.replay import replay

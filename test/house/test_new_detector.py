@@ -26,7 +26,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, write_yaml
-from lidar_outlier_filter.report.colours import colour
+from lidar_outlier_filter.report.page import colour
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

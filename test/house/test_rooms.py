@@ -51,7 +51,7 @@ OUTSIDE = {
     'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pye57', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
-    'evaluation': ('matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
+    'evaluation': ('matplotlib', 'numpy', 'rich', 'scipy'),
     'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
     'report': ('matplotlib', 'numpy', 'scipy'),
     'cli': ('argcomplete', 'numpy', 'rich', 'yaml'),
@@ -226,7 +226,7 @@ def named(module: Module, names: set[str]) -> Iterator[str]:
 
 
 # The tables of all detectors.
-TABLES = {'core.detectors.builtin', 'core.detectors.thresholds', 'report.colours'}
+TABLES = {'core.detectors.builtin', 'core.detectors.thresholds', 'report.page'}
 TABLES |= {'tuning.search_space', 'cli.compile'}
 
 

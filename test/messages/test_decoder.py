@@ -12,14 +12,14 @@ import pytest
 from helpers import ROOT
 from helpers.clouds import SECOND, STAMP, cloud, table
 
-from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.decoder import (
+from lidar_outlier_filter.core.points.points import (
     LINE_NAMES,
     TIME_NAMES,
-    Decoder,
     guess_unit,
     to_nanoseconds,
 )
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.judged_file import describe_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
@@ -73,7 +74,7 @@ def rings(elevations: list[float], columns: int = 360) -> Points:
 
 def test_rings_are_seen() -> None:
     """Elevation, steps and azimuth of a simulated sensor are recovered."""
-    found = scan_geometry(rings([-15.0, -5.0, 5.0, 15.0]))
+    found = scan_geometry(StreamCloud(rings([-15.0, -5.0, 5.0, 15.0])))
     assert found is not None
     assert (found.lines, found.per_line, found.even) == (4, 359, True)
     angles = (found.low, found.high, found.step, found.azimuth)
@@ -81,7 +82,7 @@ def test_rings_are_seen() -> None:
     assert (found.near, found.far) == pytest.approx((10, 10))
     assert found.invalid == pytest.approx(1 / 360)
     assert found.seconds == pytest.approx(0.1 * 358 / 360, abs=1e-6)
-    uneven = scan_geometry(rings([-15.0, -5.0, -4.0, -3.0]))
+    uneven = scan_geometry(StreamCloud(rings([-15.0, -5.0, -4.0, -3.0])))
     assert uneven is not None
     assert not uneven.even
     assert uneven.step == pytest.approx(1)
@@ -94,10 +95,10 @@ def test_lines_across_a_road_are_no_rings() -> None:
     xyz[:, 1] = np.tile(np.linspace(-5, 5, 1000), 3)
     xyz[:, 2] = -2.5
     time, line = np.arange(3000), np.repeat(np.arange(3), 1000)
-    found = scan_geometry(Points(xyz, time, line, np.ones(3000, np.bool_)))
+    found = scan_geometry(StreamCloud(Points(xyz, time, line, np.ones(3000, np.bool_))))
     assert found is not None
     assert (found.lines, found.per_line, found.is_spinning) == (3, 1000, False)
-    assert scan_geometry(Points(xyz, time, line, np.zeros(3000, np.bool_))) is None
+    assert scan_geometry(StreamCloud(Points(xyz, time, line, np.zeros(3000, np.bool_)))) is None
 
 
 @pytest.mark.parametrize(

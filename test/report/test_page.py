@@ -34,7 +34,8 @@ from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.gather import gather
-from lidar_outlier_filter.report.page import messages, write_page
+from lidar_outlier_filter.report.page import messages
+from lidar_outlier_filter.report.page import page as page_of
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
 
 if TYPE_CHECKING:
@@ -371,7 +372,7 @@ def test_a_chain_in_the_dark(browser: Browser, snow: Path, tmp_path: Path) -> No
     """What a detector rejects can be hidden; a dashed line for the slider, one for the others."""
     parameters = FilterParameters().changed({'chain': ['sor', 'boosted_trees']})
     found = gather(RecordedSource(snow, parameters), CAUSES, 20_000)
-    write_page(found, tmp_path / 'chain.html')
+    (tmp_path / 'chain.html').write_text(page_of(found), encoding='utf-8')
     with opened(browser, tmp_path / 'chain.html', DESKTOP, color_scheme='dark') as page:
         wait_for_drawing(page)
         assert np.median(pixels(page)) < 64
@@ -397,7 +398,7 @@ def test_a_drive(tmp_path: Path, browser: Browser) -> None:
     """The path of the sensor is a line in the picture, and the legend names it."""
     bag = write(tmp_path / 'drive', Drive(0.4))
     found = gather(RecordedSource(bag, FilterParameters().changed(REPLAYED)), ALL_BUT_0, 10**6)
-    write_page(found, tmp_path / 'report.html')
+    (tmp_path / 'report.html').write_text(page_of(found), encoding='utf-8')
     with opened(browser, tmp_path / 'report.html', DESKTOP) as page:
         wait_for_drawing(page)
         assert text_of(page, '#legend').split('\n') == ['rejected', 'path of the sensor']
@@ -419,7 +420,7 @@ def test_a_file_in_feet(tmp_path: Path, browser: Browser) -> None:
     las.red, las.green, las.blue = (np.full(len(xyz), part << 8) for part in (0x20, 0xC0, 0x40))
     las.write(str(path := tmp_path / 'feet.las'))
     found = gather(FileSource(path, FilterParameters(), truth=(path, '')), ALL_BUT_0, 10**6)
-    write_page(found, tmp_path / 'report.html')
+    (tmp_path / 'report.html').write_text(page_of(found), encoding='utf-8')
     with opened(browser, tmp_path / 'report.html', DESKTOP) as page:
         wait_for_drawing(page)
         assert 'as in the file, ft' in text_of(page, '#found')

@@ -9,7 +9,7 @@ import pytest
 
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.tuning.inject import Injection, inject
 
 SECOND = 1_000_000_000

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from helpers.labelled import POINT, write
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
-from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
+from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.labels import Codes
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection

@@ -18,11 +18,11 @@ import pytest
 import yaml
 from helpers.labelled import POINT, write
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, ros_lines
 from lidar_outlier_filter.recordings.replay import replay

@@ -24,9 +24,9 @@ from helpers.profile_scanner import (
 from rclpy.expand_topic_name import expand_topic_name
 from scipy.spatial.transform import Rotation
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml

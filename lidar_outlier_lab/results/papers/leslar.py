@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import panels
 from lidar_outlier_lab.results.papers.methods import (

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

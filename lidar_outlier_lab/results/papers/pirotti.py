@@ -11,7 +11,7 @@ from scipy.special import poch
 
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.papers import pirotti_buses
 from lidar_outlier_lab.results.papers.methods import NONE_OF_ITS_PRESETS

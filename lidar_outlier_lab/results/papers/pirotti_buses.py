@@ -10,7 +10,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.papers.panels import PointPanel, draw, draw_lines, view
 from lidar_outlier_lab.results.papers.roc import (

@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

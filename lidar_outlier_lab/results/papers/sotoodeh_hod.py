@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.hierarchical import (
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import panels, published
 from lidar_outlier_lab.results.papers.panels import draw, view

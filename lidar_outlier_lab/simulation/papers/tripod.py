@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, simulate
 from lidar_outlier_lab.simulation.world.particles import ThinFall

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import car, spray
 from lidar_outlier_lab.simulation.scenes.spinning_streets import DRY, OPTICS, rings
 from lidar_outlier_lab.simulation.weather.drops import snow

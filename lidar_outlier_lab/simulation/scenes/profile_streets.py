@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
 from lidar_outlier_lab.simulation.world.particles import ThinFall

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.neighbours.duplicates import K
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
 from lidar_outlier_lab.simulation.papers.bus_tracks import Line, track

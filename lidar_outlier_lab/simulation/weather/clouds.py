@@ -17,10 +17,11 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import is_empty
-from lidar_outlier_filter.messages.decoder import LONGEST, NANOSECONDS, Decoder, to_nanoseconds
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording

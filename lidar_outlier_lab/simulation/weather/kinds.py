@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.weather import drops, echoes, mirrors, plumes
 from lidar_outlier_lab.simulation.weather.beams import Optics
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.points.points import INTENSITY_NAMES, NANOSECONDS
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -22,7 +23,6 @@ from lidar_outlier_filter.messages.cloud import (
     structured,
     with_rows,
 )
-from lidar_outlier_filter.messages.decoder import INTENSITY_NAMES, NANOSECONDS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,7 +19,7 @@ from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointField as Po
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_lab.simulation.world.drive import Returns, simulate
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world import caster
 
 if TYPE_CHECKING:

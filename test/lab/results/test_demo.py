@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_lab.results import demo
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive

@@ -18,7 +18,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.cli.results import PAPERS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from naive import raycast as naive
 
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.world import surfaces
 from lidar_outlier_lab.simulation.world.caster import PANE, uniform
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene

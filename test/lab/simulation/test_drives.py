@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, rings

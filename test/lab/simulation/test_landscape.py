@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 
 if TYPE_CHECKING:

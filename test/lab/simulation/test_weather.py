@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 

@@ -15,12 +15,12 @@ from helpers.clouds import STORE
 from helpers.drives import STRING, cdr, content, topic_of
 from numpy.lib.recfunctions import repack_fields
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
