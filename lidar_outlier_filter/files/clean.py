@@ -194,14 +194,7 @@ def _enough_memory(file: CloudFile) -> Iterator[None]:
 def list_clouds(
     file: CloudFile, output: Path, outliers: Path | None, options: CleanOptions
 ) -> list[Path]:
-    """List the clouds to be written.
-
-    Raises
-    ------
-    CloudError
-        If one cannot be written, or the options do not fit the file.
-
-    """
+    """List the clouds to be written."""
     if options.rejected != MARK and file.whole:
         must_be = f'{MARK!r} for {file.path}: {file.whole}'
         raise CloudError('what becomes of rejected points', must_be, repr(options.rejected))
@@ -258,12 +251,14 @@ def _report(
     """Describe a judged file, of which these clouds were written."""
     file, loaded, parameters = judged.file, judged.loaded, judged.parameters
     verdict, every, valid = judged.verdict, judged.everything, loaded.points.valid
+    coarse = say_coarse(file, judged.coordinates, loaded.points, judged.metres)
+    rejecting, bits, masked = registry.rejecting(parameters), registry.bits(), every.masked
 
     def count(mask: NDArray[Any]) -> int:
         return int(np.count_nonzero(mask))
 
-    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
-        return {name: count(bits & registry.bits()[name]) for name in names}
+    def by_name(found: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
+        return {name: count(found & bits[name]) for name in names}
 
     return CleanReport(
         input=str(file.path),
@@ -276,14 +271,14 @@ def _report(
         lines=loaded.lines,
         lack=loaded.lack,
         rings=loaded.rings,
-        coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
+        coarse=coarse,
         chain=parameters.chain,
         points=len(valid),
-        invalid=count(~valid & ~every.masked) - judged.ignored,
+        invalid=count(~valid & ~masked) - judged.ignored,
         ignored=judged.ignored,
         untested=count(np.isnan(verdict.score[valid])),
         rejected=count(verdict.rejected),
-        rejected_by=by_name(verdict.detectors, registry.rejecting(parameters)),
+        rejected_by=by_name(verdict.detectors, rejecting),
         second_phase=count(verdict.detectors & EXTRA),
         spared=count(every.rejected & ~verdict.rejected),
         by_class=judged.by_class,
