@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the package refuses, in one sentence form: what, must be, got."""
+"""What the package refuses, in one sentence form: what, must be, got.
+
+Any function may refuse its input by one of these; docstrings name them where a caller handles them.
+"""
 
 from __future__ import annotations
 

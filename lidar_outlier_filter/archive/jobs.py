@@ -139,14 +139,7 @@ class Job(ABC):
     def make(
         self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
     ) -> Result:
-        """Build the outputs of a task in a folder.
-
-        Raises
-        ------
-        FilterError
-            If the input cannot be read or judged, or an output cannot be written.
-
-        """
+        """Build the outputs of a task in a folder."""
 
 
 class ReplayJob(Job):

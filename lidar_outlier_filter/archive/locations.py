@@ -51,14 +51,7 @@ class Location:
     is_folder: bool = False
 
     def check_unchanged(self, what: str = 'recording') -> None:
-        """Refuse a recording or file that changed since it was found.
-
-        Raises
-        ------
-        RecordingError
-            If its size or its state differs.
-
-        """
+        """Refuse a recording or file that changed since it was found."""
         now = location_of(self.path)
         if (now.size, now.state) != (self.size, self.state):
             got = f'{now.size} bytes and {now.state} after {self.size} bytes and {self.state}'
@@ -66,14 +59,7 @@ class Location:
 
 
 def path_at(address: str) -> RecordingPath:
-    """Return the path of an address: a path of this machine, or ``PROTOCOL://…``.
-
-    Raises
-    ------
-    FilterError
-        If it is empty, or nothing is installed that opens it.
-
-    """
+    """Return the path of an address: a path of this machine, or ``PROTOCOL://…``."""
     if not address:
         raise FilterError('a path', 'given', "''")
     if '://' not in address:
@@ -104,12 +90,6 @@ def find(addresses: Iterable[str]) -> list[Location]:
     """Find the recordings at addresses: each a recording, a folder of recordings, or a pattern.
 
     Folders are searched recursively; hidden files are skipped.
-
-    Raises
-    ------
-    RecordingError
-        If an address has no recording, or cannot be reached.
-
     """
     found: dict[str, Location] = {}
     for address in addresses:
@@ -123,14 +103,7 @@ def find(addresses: Iterable[str]) -> list[Location]:
 
 
 def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Find the files of a folder that have one of the suffixes; see :func:`find`.
-
-    Raises
-    ------
-    CloudError
-        If there are none.
-
-    """
+    """Find the files of a folder that have one of the suffixes; see :func:`find`."""
     found = [
         path
         for path in sorted(folder.rglob('*'))
@@ -144,28 +117,13 @@ def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def location_of(path: RecordingPath) -> Location:
-    """Describe a recording or file as it is now.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be reached.
-
-    """
+    """Describe a recording or file as it is now."""
     return _location(path, files_below(path))
 
 
 @contextmanager
 def staged(location: Location, most: int = MAX_STAGED_BYTES) -> Iterator[RecordingPath]:
-    """Give a path by which a recording can be read; copy it to this machine if necessary.
-
-    Raises
-    ------
-    RecordingError
-        If the copy would have more than ``most`` bytes, or the recording cannot be reached or has
-        changed since it was found.
-
-    """
+    """Give a path by which a recording can be read; copy it to this machine if necessary."""
     if isinstance(location.path, Path) or location.by_ranges:
         yield location.path
         return

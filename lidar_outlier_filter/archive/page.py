@@ -54,14 +54,7 @@ COLOURS = ('#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9', '#d55e00', '#b
 
 
 def check_page(folder: RecordingPath) -> str:
-    """Return the page of an earlier run; '' if there is none.
-
-    Raises
-    ------
-    FilterError
-        If the file of this name is another's, or was edited.
-
-    """
+    """Return the page of an earlier run; '' if there is none."""
     path = folder / PAGE
     if not exists(path):
         return ''
@@ -84,11 +77,6 @@ def write_page(
     records : in any order
     folder : of the outputs
     what : ``recording``, or ``file`` if each is one cloud
-
-    Raises
-    ------
-    FilterError
-        If another file has its name, or it cannot be written.
 
     """
     found = sorted(records, key=lambda record: record.source)

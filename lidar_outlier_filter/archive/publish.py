@@ -77,14 +77,7 @@ class FoundOutputs:
 
 
 def find_outputs(task: Task, *, read: bool = False) -> FoundOutputs:
-    """Find the outputs of a task that exist; ``read`` does not trust equal states.
-
-    Raises
-    ------
-    FilterError
-        If a file that no run wrote, or that changed since, has the place of an output.
-
-    """
+    """Find the outputs of a task that exist; ``read`` does not trust equal states."""
     for _ in range(2):  # a run at the same time may have named one between the two lists
         # In this order: such a run writes the sidecar before it removes the intent.
         intended = sidecar.read(_intent(task))
@@ -169,14 +162,7 @@ def _hidden_in(folder: Path, stack: ExitStack) -> Path:
 
 
 def check_reached(folder: RecordingPath) -> None:
-    """Refuse outputs in a bucket that does not exist, or cannot be reached.
-
-    Raises
-    ------
-    RecordingError
-        With what the store says.
-
-    """
+    """Refuse outputs in a bucket that does not exist, or cannot be reached."""
     if not isinstance(folder, Path) and hasattr(folder.system, 'call_s3'):
         with reached(folder):
             folder.system.ls(folder.key.partition('/')[0])
@@ -207,11 +193,6 @@ def publish(
     -------
     ArchiveRecord
         That of the sidecar, which a run at the same time may have written.
-
-    Raises
-    ------
-    FilterError
-        If another file has the name of an output, or it cannot be written.
 
     """
     files = _built(task, built)
@@ -249,14 +230,7 @@ def publish(
 
 @contextmanager
 def new_bag(path: RecordingPath) -> Iterator[Path]:
-    """Give a path of this machine to build a single bag at; upload it if it is for a store.
-
-    Raises
-    ------
-    RecordingError
-        If something is there already, or it cannot be written.
-
-    """
+    """Give a path of this machine to build a single bag at; upload it if it is for a store."""
     if isinstance(path, Path):
         yield path
         return

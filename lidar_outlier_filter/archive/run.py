@@ -69,14 +69,7 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
 
 
 def attempt_on_worker(task: Task, job: Job, goal: ArchiveRecord) -> Result:
-    """Work on a task on a worker of Dask, with kernels on one thread.
-
-    Raises
-    ------
-    SchedulerError
-        If the code or a file of parameters here differs from that of the command.
-
-    """
+    """Work on a task on a worker of Dask, with kernels on one thread."""
     name = f'{socket.gethostname()}:{os.getpid()}'
     own = parameters_hash(job.filter, job.options), code_version()
     if own != (goal.parameters, goal.code):
@@ -236,11 +229,6 @@ def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, s
     tasks : whose outputs and sidecars are compared
     job : of which a sentence speaks
     reserved : paths that no output may have, and what they are
-
-    Raises
-    ------
-    FilterError
-        With the first such name.
 
     """
     names = [(path.split('/'), what) for path, what in reserved.items()]

@@ -118,14 +118,7 @@ def _seal(values: Mapping[str, Any]) -> str:
 
 
 def read(path: RecordingPath) -> ArchiveRecord | None:
-    """Read a sidecar; None if there is none.
-
-    Raises
-    ------
-    FilterError
-        If the file is no sidecar, or was changed since it was written.
-
-    """
+    """Read a sidecar; None if there is none."""
     records: list[ArchiveRecord] = []
     with suppress(FileNotFoundError):  # removed by a run at the same time
         found = files_below(path)

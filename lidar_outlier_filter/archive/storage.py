@@ -88,12 +88,6 @@ def write(path: RecordingPath, text: str, built: Path, *, is_new: bool = False) 
     """Write a small file in one step, by way of the hidden folder ``built``.
 
     One that is new refuses to replace another.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be written, or its name is taken.
-
     """
     if not isinstance(path, Path):
         with written(path):

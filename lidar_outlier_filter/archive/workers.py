@@ -57,14 +57,7 @@ class Workers:
     keep: Callable[[], object] = bool
 
     def check(self) -> None:
-        """Refuse to continue without a scheduler.
-
-        Raises
-        ------
-        SchedulerError
-            If it is gone.
-
-        """
+        """Refuse to continue without a scheduler."""
         if self.client is not None and self.client.status != 'running':
             raise self.gone()
         self.keep()
@@ -104,14 +97,7 @@ def threads(number: int) -> Iterator[Workers]:
 
 @contextmanager
 def local_workers(jobs: int) -> Iterator[Workers]:
-    """Start workers on this machine, each a process with one thread.
-
-    Raises
-    ------
-    FilterError
-        If Dask is not installed.
-
-    """
+    """Start workers on this machine, each a process with one thread."""
     _require()
     from dask import config
     from distributed import LocalCluster
@@ -136,16 +122,7 @@ def local_workers(jobs: int) -> Iterator[Workers]:
 def cluster_workers(
     address: str | None, file: str | None = None, inform: Callable[[str], object] = str
 ) -> Iterator[Workers]:
-    """Use the workers of a running cluster, found by the address of its scheduler, or by its file.
-
-    Raises
-    ------
-    FilterError
-        If Dask is not installed.
-    SchedulerError
-        If no scheduler answers.
-
-    """
+    """Use the workers of a running cluster, found by the address of its scheduler or its file."""
     _require()
     with _client(address, scheduler_file=file) as workers:
         if not workers.client.nthreads():

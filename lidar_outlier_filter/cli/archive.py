@@ -57,14 +57,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:
-    """Refuse options that contradict one another.
-
-    Raises
-    ------
-    FilterError
-        If there are some.
-
-    """
+    """Refuse options that contradict one another."""
     if options.jobs is not None and options.jobs < 1:
         raise FilterError('--jobs', 'at least 1', options.jobs)
     cluster = options.scheduler or options.scheduler_file
@@ -163,14 +156,7 @@ def _absolute(path: RecordingPath) -> RecordingPath:
 
 
 def refuse_inside(folder: RecordingPath, root: RecordingPath) -> None:
-    """Refuse a folder of outputs that is searched for inputs.
-
-    Raises
-    ------
-    FilterError
-        If it is the folder that is searched, or within it.
-
-    """
+    """Refuse a folder of outputs that is searched for inputs."""
     inside = str(folder.resolve() if isinstance(folder, Path) else folder)
     if f'{inside}/'.startswith(f'{root}/'):
         raise FilterError('the output', f'outside of {root}, which is searched', folder)

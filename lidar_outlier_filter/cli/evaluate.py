@@ -186,14 +186,7 @@ def read_recording(
 
 
 def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:
-    """Write numbers, and pictures if wanted, to a new folder, which appears whole or not at all.
-
-    Raises
-    ------
-    RecordingError
-        If the folder exists, or cannot be written.
-
-    """
+    """Write numbers, and pictures if wanted, to a new folder, which appears whole or not at all."""
     import json
 
     from lidar_outlier_filter.disk.new_files import FOLDER, new_output

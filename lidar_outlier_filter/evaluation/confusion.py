@@ -294,11 +294,6 @@ def curve(bad: Bools, score: NDArray[np.floating]) -> Curve:
     score : (N,) float
         The larger, the more of an outlier; NaN for untested points.
 
-    Raises
-    ------
-    FilterError
-        If there are no outliers, or no good points.
-
     """
     outliers = int(np.count_nonzero(bad))
     if outliers in {0, len(bad)}:

@@ -279,11 +279,6 @@ def read_files(  # noqa: PLR0913  what the command line offers
         ``classification``
     threshold : points with a larger score are rejected; None: 1
 
-    Raises
-    ------
-    FilterError
-        If a file cannot be read, the two do not fit, or truth and verdict are one column.
-
     """
     names = column_names(verdicts)
     label = label or usual_column(truth, (CLASSIFICATION, LABEL))

@@ -93,12 +93,6 @@ def by_number(folder: Path) -> list[Path]:
 
     Seconds of ten digits and nanoseconds of nine, with a dot or _ between, are one number. What
     begins with a dot is passed over.
-
-    Raises
-    ------
-    RecordingError
-        If there is no file, or two names differ in anything else.
-
     """
     paths = [one for one in folder.iterdir() if not (one.is_dir() or one.name.startswith('.'))]
     if not paths:
@@ -197,11 +191,6 @@ def read_column(path: Path, name: str) -> NDArray[Any]:
     path : any file that ``clean`` reads, ``.label`` (SemanticKITTI: uint32, the class in the low 16
         bits) or ``.npy``
     name : of the column; files with a single one do not look at it
-
-    Raises
-    ------
-    FilterError
-        If the file cannot be read, or has no such column.
 
     """
     plain = _PLAIN.get(path.suffix.lower())

@@ -139,11 +139,6 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     path : the file
     table : the table of a database; None: the only one
 
-    Raises
-    ------
-    CloudError
-        If the suffix is of no known format, or the file cannot be read or has no points.
-
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:

@@ -135,13 +135,6 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     progress : called with how many of how many points are done, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
 
-    Raises
-    ------
-    CloudError
-        If the file cannot be read, or the options do not fit it.
-    ParameterError
-        If a detector needs scan lines, and the file has none.
-
     """
     seconds: dict[str, float] = {}
     with timed(seconds, 'read'):
@@ -306,14 +299,7 @@ class FileInfo:
 
 
 def describe_file(path: Path) -> FileInfo:
-    """Read a file once, chunk by chunk, and summarise it.
-
-    Raises
-    ------
-    CloudError
-        If it cannot be read.
-
-    """
+    """Read a file once, chunk by chunk, and summarise it."""
     file = cloud_file.open_cloud(path)
     names = [name for name, kind in file.columns.items() if kind.kind in 'iuf']
     extent: dict[str, tuple[float, float]] = {}

@@ -133,11 +133,6 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
     wkt : whether, by the header, WKT has precedence over the keys; if the first is missing or names
         no unit, the other is used
 
-    Raises
-    ------
-    CloudError
-        If the coordinates are degrees, or of an unknown system or unit.
-
     """
     readers = (_of_wkt, _of_keys) if wkt else (_of_keys, _of_wkt)
     found = (reader(records, path) for reader in readers)

@@ -79,14 +79,7 @@ class Loaded:
 
 
 def choose_coordinates(file: CloudFile, requested: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns with the coordinates: those requested, or x, y and z in either case.
-
-    Raises
-    ------
-    CloudError
-        If x, y or z is missing, or the request is not for two or three columns of the file.
-
-    """
+    """Return the columns with the coordinates: those requested, or x, y and z in either case."""
     lower = {name.lower(): name for name in reversed(list(file.columns))}
     has = f'the columns {", ".join(file.columns) or "none"}'
     if not requested and (lacks := [axis for axis in 'xyz' if axis not in lower]):
@@ -134,12 +127,6 @@ def load(  # noqa: PLR0913  which columns, and where to
     more : further columns to read
     allocate : returns the array for the coordinates, in memory or in a file
     progress : called with the number of points read so far
-
-    Raises
-    ------
-    CloudError
-        If the file cannot be read, lacks a column that the parameters name, or holds a point
-        farther away than ``FARTHEST``.
 
     """
     mask = mask_of(parameters)

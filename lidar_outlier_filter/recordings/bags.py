@@ -77,11 +77,6 @@ class Recording:
     message_count : messages that the index of the recording counts
     custom_data : of its ``metadata.yaml``
 
-    Raises
-    ------
-    RecordingError
-        If there is no recording, or it is damaged; also while its messages are read.
-
     """
 
     def __init__(self, path: RecordingPath, largest: int = MAX_MESSAGE_BYTES) -> None:
@@ -249,12 +244,6 @@ class NewBag:
     A context manager. Until it is left without an error, all is in a hidden folder beside ``path``;
     no error, no Ctrl-C and no full disk leaves anything behind. Only one chunk (1 MiB, or a single
     message that is longer) is held in memory.
-
-    Raises
-    ------
-    RecordingError
-        If ``path`` exists, or if it cannot be written.
-
     """
 
     def __init__(self, path: Path, custom_data: Mapping[str, str] | None = None) -> None:

@@ -208,16 +208,7 @@ class CloudTopic:
 
 
 def check_motion(source: Recording, motion: MotionParameters) -> None:
-    """Refuse motion that a recording does not hold.
-
-    Raises
-    ------
-    ParameterError
-        If the poses would come from tf.
-    RecordingError
-        If the recording has no such odometry.
-
-    """
+    """Refuse motion that a recording does not hold."""
     if motion.source == 'tf':
         must_be = "'none' or 'odometry' for a recording"
         raise ParameterError('motion.source', must_be, repr(motion.source))

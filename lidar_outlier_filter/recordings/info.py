@@ -136,11 +136,6 @@ def describe_recording(
     sample : seconds of bag time that are judged by the defaults
     progress : is called after each message: how many of how many have been read
 
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be read.
-
     """
     with Recording(path) as source:
         info = RecordingInfo(

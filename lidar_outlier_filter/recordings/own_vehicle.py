@@ -69,12 +69,6 @@ def learn_mask(
     reach : metres from the sensor to the farthest point of the vehicle
     progress : is called with the looks so far, and 0
 
-    Raises
-    ------
-    FilterError
-        If the recording cannot be read, or its scan lines are no rings, or the vehicle does not
-        move in it.
-
     """
     if not 0 < reach <= MAX_REACH_M:
         must_be = f'above 0 and at most {MAX_REACH_M:g} m'

@@ -83,14 +83,7 @@ class RecordedClouds:
         self._moves = (with_eyes or with_path) and parameters.motion.source == 'odometry'
 
     def __iter__(self) -> Iterator[RecordedCloud]:
-        """Read them.
-
-        Raises
-        ------
-        FilterError
-            If the recording cannot be read, has no such topic, or lacks the odometry.
-
-        """
+        """Read them."""
         self.times = []
         taken: list[RecordedCloud] = []
         parameters = self._parameters

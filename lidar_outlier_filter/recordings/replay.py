@@ -148,14 +148,7 @@ def _copy(
 
 
 def choose_clouds(source: Recording, requested: Collection[str], what: str) -> list[Topic]:
-    """Find the requested topics of clouds, which errors call ``what``; without a request, all.
-
-    Raises
-    ------
-    RecordingError
-        If there is none, or not one of those wanted.
-
-    """
+    """Find the requested topics of clouds, which errors call ``what``; without a request, all."""
     clouds = {topic.name: topic for topic in source.topics if topic.msgtype == CLOUD}
     if not clouds:
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)

@@ -85,14 +85,7 @@ class Losses:
 
 @contextmanager
 def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Losses]]:
-    """Give a copy, in a hidden folder beside ``output``, of the readable part, and the losses.
-
-    Raises
-    ------
-    RecordingError
-        If there is no recording, or the copy cannot be written.
-
-    """
+    """Give a copy, in a hidden folder beside ``output``, of the readable part, and the losses."""
     if not path.exists():
         raise RecordingError('the recording', 'an existing file or folder', path)
     check_regular(path)

@@ -93,14 +93,7 @@ class PageServer:
     """
 
     def __init__(self, node: RunningNode, port: int = 0) -> None:
-        """Take a port of this machine; 0: any free one.
-
-        Raises
-        ------
-        ParameterError
-            If the port is taken.
-
-        """
+        """Take a port of this machine; 0: any free one."""
         self.node = node
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self._clouds: dict[str, LiveClouds] = {}

@@ -78,11 +78,6 @@ def inject(
     code : (N,) int64
         Of all points of all clouds: ``Cause.GOOD``, ``SINGLE`` or ``CLUSTER``.
 
-    Raises
-    ------
-    FilterError
-        If there are too few points, or no position is far enough from all of them.
-
     """
     rng = np.random.default_rng(how.seed)
     first = np.cumsum([0, *(len(cloud) for cloud in clouds)])

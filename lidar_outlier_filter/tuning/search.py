@@ -135,12 +135,6 @@ def tune(  # noqa: PLR0913  what the command line offers
     progress : is called before every run with the steps done, all steps, and their name; an
         exception that it raises ends the search
 
-    Raises
-    ------
-    FilterError
-        If the limit is no share, there are fewer than two folds, or more of them than stretches
-        or recordings, or a parameter cannot be searched.
-
     """
     if not 0 < most_lost <= 1:
         must_be = 'more than 0, at most 1'

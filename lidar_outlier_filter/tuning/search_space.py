@@ -53,12 +53,6 @@ def searches(
     requested : values to try, by parameter, instead of or beside those declared
     kept : parameters to leave as they are
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is not one of a detector of the chain, shapes the points that are read, or is
-        both searched and kept; or if none of its values makes sense.
-
     """
     requested, flat = dict(requested or {}), parameters.flat()
     known = {item.name: item for item in describe()}

@@ -170,12 +170,6 @@ def read_training(  # noqa: PLR0913  what the command line offers
     Training
         In stretches of equal numbers of points: by time, or along the longest side of a file.
 
-    Raises
-    ------
-    FilterError
-        If something cannot be read, there is no such topic, field or truth, or a file lacks what
-        the chain needs.
-
     """
     if is_recording(path):
         labels = CloudLabels(topic or 'the topic', label, files)
