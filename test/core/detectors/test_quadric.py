@@ -17,9 +17,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric.planes import empty_window
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import height
 
@@ -77,7 +77,7 @@ def assert_same(scores: Floats, expected: Any) -> None:
 def test_rows_are_added_as_in_the_loop(size: int) -> None:
     """Vectors of the processor give every element the same bits; the others stay."""
     rng = np.random.default_rng(size)
-    source, target = rng.normal(size=(2, 5, WIDTH))
+    source, target = rng.normal(size=(2, 5, ROW))
     source[3, :4] = np.nan, np.inf, -0.0, 5e-324
     expected = target.copy()
     add_row(expected, 2, 0.3, source, 3, size)

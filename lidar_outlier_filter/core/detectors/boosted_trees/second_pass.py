@@ -29,6 +29,21 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window_features import (
     width,
 )
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.kernels.vectors import (
+    WIDTH,
+    count,
+    follow,
+    least,
+    load,
+    most,
+    no_counts,
+    repeat,
+    select,
+    single,
+    store,
+    take,
+)
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
@@ -45,7 +60,7 @@ PLACES_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
 BINS = 8  # of range: up to 1, 2, 4, 8 ... m
 # Rows of sums over a window: of clipped scores × a weight, and then of the weights. Those of the
 # other rings are behind those of the own one.
-OWN_SCORE, OWN_WEIGHT, CLOSE, LEVEL, BEHIND, BEFORE, ROWS = 0, 2, 4, 6, 8, 10, 12
+OWN_SCORE, OWN_WEIGHT, CLOSE, LEVEL, BEHIND, BEFORE = 0, 2, 4, 6, 8, 10
 
 
 class FirstPass(NamedTuple):
@@ -103,12 +118,10 @@ def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
 def write_scores(
     pattern: Pattern, first: FirstPass, line: int, window: PatternWindow, values: Singles
 ) -> None:
-    """Write the features of the first pass, behind the others, of gathered windows.
-
-    The window's ``side`` is overwritten.
-    """
-    total, places = window.side[:ROWS], window.places
-    _sum_scores(pattern, first.score, line, window, total)
+    """Write the features of the first pass, behind the others, of gathered windows."""
+    total, places = window.scores, window.places
+    for lane in range(0, LANES, WIDTH):
+        _sum_scores(pattern, first.score, line, lane, window, total)
     for lane in range(width(values)):
         score = first.score[places[lane]]
         values[ROW.first, lane] = min(max(score, -CLIP), CLIP)
@@ -125,47 +138,49 @@ def write_scores(
 
 @noalias_kernel
 def _sum_scores(
-    pattern: Pattern, score: Singles, line: int, window: PatternWindow, total: Singles
+    pattern: Pattern, score: Singles, line: int, lane: int, window: PatternWindow, total: Singles
 ) -> None:
-    """Sum up the scores of each window: of the ring, of other rings, and by where they are."""
-    reach, gap = window.mine[RANGE], pattern.gap[line]
-    apart, most = pattern.apart[line], pattern.level[line]
-    square, away, scores = window.square, window.away, window.side[ROWS]
-    total[:] = ZERO
-    for slot in range(SIZE):
-        part = 0 if slot < 2 * OWN else 1
-        _copy_scores(score, window, slot, scores)
-        for lane in range(width(square)):
-            value, off = square[slot, lane], away[slot, lane]
-            unit = reach[lane] * gap + apart
-            same = level_within(unit, most)
-            good = value < FAR
-            c = min(max(scores[lane], -CLIP), CLIP)
-            one = ONE if good else ZERO
-            weight = unit * unit / (unit * unit + value) if good else ZERO
-            level = ONE if good & (abs(off) <= same) else ZERO
-            behind, before = ONE if off > same else ZERO, ONE if off < -same else ZERO
-            total[OWN_SCORE + part, lane] += one * c
-            total[OWN_WEIGHT + part, lane] += one
-            total[CLOSE, lane] += weight * c
-            total[CLOSE + 1, lane] += weight
-            total[LEVEL, lane] += level * c
-            total[LEVEL + 1, lane] += level
-            total[BEHIND, lane] += behind * c
-            total[BEHIND + 1, lane] += behind
-            total[BEFORE, lane] += before * c
-            total[BEFORE + 1, lane] += before
-
-
-@noalias_kernel
-def _copy_scores(score: Singles, window: PatternWindow, slot: int, scores: Singles) -> None:
-    """Write the scores of one slot of the windows."""
-    places, off = window.places, offset_of(slot)
-    if slot >= 2 * OWN:
-        ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND
-        places, off = window.others[ring], m - OTHER
-    for lane in range(len(scores)):
-        scores[lane] = score[places[lane] + off]
+    """Sum up scores of windows from a lane on: of the ring, other rings, and by where they are."""
+    square, away, others = window.square, window.away, window.others
+    unit = load(window.mine[RANGE], lane) * pattern.gap[line] + pattern.apart[line]
+    same, unit_square = level_within(unit, pattern.level[line]), unit * unit
+    near = ZERO - same
+    close = close_weight = level = behind = before = repeat(ZERO)
+    levels, behinds, befores = no_counts(), no_counts(), no_counts()
+    own_in_step = follow(load(window.places, lane))
+    for part in range(2):
+        scores, there = repeat(ZERO), no_counts()
+        in_step = False
+        for slot in range(2 * OWN * part, 2 * OWN if part == 0 else SIZE):
+            if part == 0:
+                c = take(score, window.places, lane, offset_of(slot), own_in_step)
+            else:
+                ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND
+                if m == 0:
+                    in_step = follow(load(others, ring * LANES + lane))
+                c = take(score, others[ring], lane, m - OTHER, in_step)
+            c = least(most(c, -CLIP), CLIP)
+            d, off = load(square, slot * LANES + lane), load(away, slot * LANES + lane)
+            good = d < FAR
+            scores, there = scores + select(good, c, ZERO), count(there, good)
+            weight = select(good, unit_square / (unit_square + d), ZERO)
+            close, close_weight = close + weight * c, close_weight + weight
+            good = good & (abs(off) <= same)
+            level, levels = level + select(good, c, ZERO), count(levels, good)
+            good = off > same
+            behind, behinds = behind + select(good, c, ZERO), count(behinds, good)
+            good = off < near
+            before, befores = before + select(good, c, ZERO), count(befores, good)
+        store(total, (OWN_SCORE + part) * LANES + lane, scores)
+        store(total, (OWN_WEIGHT + part) * LANES + lane, single(there))
+    store(total, CLOSE * LANES + lane, close)
+    store(total, (CLOSE + 1) * LANES + lane, close_weight)
+    store(total, LEVEL * LANES + lane, level)
+    store(total, (LEVEL + 1) * LANES + lane, single(levels))
+    store(total, BEHIND * LANES + lane, behind)
+    store(total, (BEHIND + 1) * LANES + lane, single(behinds))
+    store(total, BEFORE * LANES + lane, before)
+    store(total, (BEFORE + 1) * LANES + lane, single(befores))
 
 
 @inlined_kernel
@@ -174,7 +189,7 @@ def _mean(total: Single, count: Single) -> Single:
 
 
 @noalias_kernel
-def _write_shares(others: Ints, first: FirstPass, places: Ints, values: Singles) -> None:
+def _write_shares(others: Index, first: FirstPass, places: Ints, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     before, share = first.before, first.share
     for lane in range(width(values)):

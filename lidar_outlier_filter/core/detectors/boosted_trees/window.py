@@ -16,6 +16,18 @@ from lidar_outlier_filter.core.detectors.boosted_trees.features import rows
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
+from lidar_outlier_filter.core.kernels.vectors import (
+    WIDTH,
+    count,
+    follow,
+    load,
+    no_counts,
+    repeat,
+    select,
+    single,
+    store,
+    take,
+)
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, lines_at_once
 
 if TYPE_CHECKING:
@@ -25,9 +37,9 @@ OWN, OTHER = 5, 3  # returns on either side: in the point's ring, and in those b
 RINGS = 2  # rings above, and below
 AROUND = 2 * OTHER + 1
 SIZE = 2 * OWN + 2 * RINGS * AROUND  # returns of a window
-QUANTITIES = 5  # of a return: x, y, z, range, phase
-RANGE, PHASE = 3, 4  # the rows of ranges and phases among them
-OWN_RANGES, OWN_PHASES = 2 * OWN * RANGE, 2 * OWN * PHASE  # the same of the own ring's returns
+RANGE = 3  # its row, behind x, y and z
+OWN_RANGES, OWN_PHASES = 0, 2 * OWN  # the first rows of the own ring's returns
+SCORES = 12  # sums of the second pass
 KEPT_NEAREST = 5  # nearest distances that are kept in order
 # Rows of the sums; of the pairs, one of the own ring and one of the others.
 _PAIRS = ('there', 'before', 'behind', 'level', 'rough', 'rough_count')
@@ -78,23 +90,22 @@ class PatternWindow(NamedTuple):
     ----------
     square, away : (SIZE, LANES) float32
         Squared distances to the returns, m²; and their ranges, less the point's own, m.
-    mine : (PHASE, LANES) float32
+    mine : (RANGE + 1, LANES) float32
         x, y, z and range of the points.
     bright : (LANES,) float32
         How bright the points are.
-    own, side : (10 * OWN, LANES), (5 * AROUND, LANES) float32
-        x, y, z and range of the returns of the points' own ring, and of those of one other ring,
-        and their phases less those of the points.
+    own : (4 * OWN, LANES) float32
+        Ranges of the returns of the points' own ring, and their phases less those of the points.
+    scores : (SCORES, LANES) float32
+        Room for the second pass.
     best : (KEPT_NEAREST, LANES) float32
         The least squared distances, ascending, m².
     sums : (SUMS, LANES) float32
     inverse : (2 * RINGS, LANES) float32
         1 ÷ range of the nearest return on each ring beside, 1/m; below 0 for none.
-    origin : (LANES,) float64
-        The phase of each point, which is taken off those of its window, rad.
     places : (LANES,) int64
         Where the points are in the pattern: all in one line, in any order.
-    others : (2 * RINGS, LANES) int64
+    others : (2 * RINGS, LANES) int32
         The place nearest to each in azimuth on each ring beside.
 
     """
@@ -104,13 +115,12 @@ class PatternWindow(NamedTuple):
     mine: Singles
     bright: Singles
     own: Singles
-    side: Singles
+    scores: Singles
     best: Singles
     sums: Singles
     inverse: Singles
-    origin: Floats
     places: Ints
-    others: Ints
+    others: Index
 
 
 @inlined_kernel
@@ -119,16 +129,15 @@ def make_window() -> PatternWindow:
     return PatternWindow(
         rows_of_singles(SIZE),
         rows_of_singles(SIZE),
-        rows_of_singles(PHASE),
+        rows_of_singles(RANGE + 1),
         np.empty(LANES, np.float32),
-        rows_of_singles(2 * OWN * QUANTITIES),
-        rows_of_singles(AROUND * QUANTITIES),
+        rows_of_singles(4 * OWN),
+        rows_of_singles(SCORES),
         rows_of_singles(KEPT_NEAREST),
         rows_of_singles(len(_SUMS)),
         rows_of_singles(2 * RINGS),
-        np.empty(LANES),
         np.empty(LANES, np.int64),
-        np.empty((2 * RINGS, LANES), np.int64),
+        np.empty((2 * RINGS, LANES), np.int32),
     )
 
 
@@ -202,10 +211,9 @@ def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
     rows, phase = (pattern.x, pattern.y, pattern.z, pattern.range), pattern.phase
     step, turn = pattern.step[line], pattern.turn[line]
     unit = max(step, pattern.gap[line]) * turn
-    _pick(near, window)
-    _gather_own(rows, phase, pattern.bright, rough, step * turn, window)
-    for ring in range(2 * RINGS):
-        _gather_other(rows, phase, rough, ring, unit, window)
+    for lane in range(0, LANES, WIDTH):
+        _gather_own(rows, phase, pattern.bright, rough, REACH_OWN * (step * turn), lane, window)
+        _gather_others(rows, phase, rough, near, REACH_OTHER * unit, lane, window)
 
 
 @inlined_kernel
@@ -215,179 +223,90 @@ def offset_of(slot: int) -> int:
 
 
 @noalias_kernel
-def _pick(near: Index, window: PatternWindow) -> None:
-    """Look up the places on the rings beside."""
-    places, others = window.places, window.others
-    for ring in range(len(others)):
-        for lane in range(len(places)):
-            others[ring, lane] = near[ring, places[lane]]
-
-
-@noalias_kernel
 def _gather_own(
     rows: tuple[Singles, ...],
     phase: Floats,
     bright: Singles,
     rough: Singles,
-    step: Single,
+    most: Single,
+    lane: int,
     window: PatternWindow,
 ) -> None:
-    """Gather the points, and the returns before and after them."""
-    square, mine, own, sums = window.square, window.mine, window.own, window.sums
-    origin, places, side = window.origin, window.places, window.side
-    in_step = _is_in_step(places)
-    sums[:] = ZERO
-    for lane in range(len(origin)):
-        origin[lane] = phase[places[lane]]
-    _copy(bright, places, in_step, 0, window.bright)
-    for q in range(PHASE):
-        _copy(rows[q], places, in_step, 0, mine[q])
-        _copy_beside(rows[q], places, in_step, own[2 * OWN * q :])
-    _copy_phases(phase, places, in_step, -OWN, origin, own[OWN_PHASES : OWN_PHASES + OWN])
-    _copy_phases(phase, places, in_step, 1, origin, own[OWN_PHASES + OWN :])
-    _compare(window, own, REACH_OWN * step, 0, 2 * OWN, sums[SUM.there_own])
-    _copy_beside(rough, places, in_step, side)
-    total, count = sums[SUM.rough_own], sums[SUM.rough_count_own]
+    """Gather points from a lane on, and the returns before and after them up to an angle."""
+    places, own, sums, mine = window.places, window.own, window.sums, window.mine
+    in_step = follow(load(places, lane))
+    store(window.bright, lane, take(bright, places, lane, 0, in_step))
+    origin = take(phase, places, lane, 0, in_step)
+    x, y = take(rows[0], places, lane, 0, in_step), take(rows[1], places, lane, 0, in_step)
+    z, r = take(rows[2], places, lane, 0, in_step), take(rows[RANGE], places, lane, 0, in_step)
+    store(mine, lane, x)
+    store(mine, LANES + lane, y)
+    store(mine, 2 * LANES + lane, z)
+    store(mine, RANGE * LANES + lane, r)
+    there, rough_count, total = no_counts(), no_counts(), repeat(ZERO)
     for slot in range(2 * OWN):
+        off = offset_of(slot)
+        at = slot * LANES + lane
+        p = single(take(phase, places, lane, off, in_step) - origin)
+        reach = take(rows[RANGE], places, lane, off, in_step)
+        dx = take(rows[0], places, lane, off, in_step) - x
+        dy = take(rows[1], places, lane, off, in_step) - y
+        dz = take(rows[2], places, lane, off, in_step) - z
+        good = abs(p) <= most
+        d = select(good, dx * dx + dy * dy + dz * dz, FAR)
+        store(own, OWN_RANGES * LANES + at, reach)
+        store(own, OWN_PHASES * LANES + at, p)
+        store(window.square, at, d)
+        store(window.away, at, select(good, reach - r, ZERO))
+        there = count(there, good)
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
-            row, us = square[slot], side[slot]
-            for lane in range(len(row)):
-                total[lane] += us[lane] if row[lane] < FAR else ZERO
-                count[lane] += ONE if row[lane] < FAR else ZERO
+            known = d < FAR
+            total = total + select(known, take(rough, places, lane, off, in_step), ZERO)
+            rough_count = count(rough_count, known)
+    store(sums, SUM.there_own * LANES + lane, single(there))
+    store(sums, SUM.rough_own * LANES + lane, total)
+    store(sums, SUM.rough_count_own * LANES + lane, single(rough_count))
 
 
 @noalias_kernel
-def _gather_other(
+def _gather_others(
     rows: tuple[Singles, ...],
     phase: Floats,
     rough: Singles,
-    ring: int,
-    unit: Single,
+    near: Index,
+    most: Single,
+    lane: int,
     window: PatternWindow,
 ) -> None:
-    """Gather the returns around the azimuth in another ring."""
-    side, others = window.side, window.others[ring]
-    in_step = _is_in_step(others)
-    begin, most, there = 2 * OWN + ring * AROUND, REACH_OTHER * unit, window.sums[SUM.there_other]
-    phases, nearest = side[PHASE * AROUND : QUANTITIES * AROUND], side[0]
-    _copy_phases(phase, others, in_step, -OTHER, window.origin, phases)
-    if in_step:
-        # They are read where they are: to copy them takes as long as to compare them.
-        start = others[0] - OTHER
-        xs, ys, zs, rs = rows[0][start:], rows[1][start:], rows[2][start:], rows[RANGE][start:]
+    """Gather the returns around the azimuth in the other rings."""
+    places, mine, sums = window.places, window.mine, window.sums
+    own_in_step = follow(load(places, lane))
+    x, y = load(mine, lane), load(mine, LANES + lane)
+    z, r = load(mine, 2 * LANES + lane), load(mine, RANGE * LANES + lane)
+    origin = take(phase, places, lane, 0, own_in_step)
+    there, rough_count, total = no_counts(), no_counts(), repeat(ZERO)
+    for ring in range(2 * RINGS):
+        others = window.others[ring]
+        store(others, lane, take(near[ring], places, lane, 0, own_in_step))
+        in_step = follow(load(others, lane))
         for m in range(AROUND):
-            square, away = window.square[begin + m], window.away[begin + m]
-            returns = xs[m:], ys[m:], zs[m:], rs[m:], phases[m]
-            _compare_row(window.mine, returns, most, square, away, there)
-    else:
-        for q in range(PHASE):
-            _copy_rows(rows[q], others, in_step, -OTHER, side[q * AROUND : (q + 1) * AROUND])
-        _compare(window, side, most, begin, AROUND, there)
-    _copy(rows[RANGE], others, in_step, 0, nearest)
-    middle, inverse = window.square[begin + OTHER], window.inverse[ring]
-    total, count = window.sums[SUM.rough_other], window.sums[SUM.rough_count_other]
-    for lane in range(len(middle)):
-        good = middle[lane] < FAR
-        inverse[lane] = ONE / nearest[lane] if good else -ONE
-        total[lane] += rough[others[lane]] if good else ZERO
-        count[lane] += ONE if good else ZERO
-
-
-@noalias_kernel
-def _is_in_step(places: Ints) -> bool:
-    """Return whether places follow each other."""
-    same = True
-    for lane in range(len(places)):
-        same &= places[lane] - places[0] == lane
-    return same
-
-
-@noalias_kernel
-def _copy(values: Singles, places: Ints, in_step: bool, off: int, row: Singles) -> None:
-    """Write the values so many places behind some."""
-    if in_step:
-        some = values[places[0] + off :]
-        for lane in range(len(row)):
-            row[lane] = some[lane]
-    else:
-        for lane in range(len(row)):
-            row[lane] = values[places[lane] + off]
-
-
-@inlined_kernel
-def _copy_beside(values: Singles, places: Ints, in_step: bool, rows: Singles) -> None:
-    """Write the values of the returns before some places, and then of those after them."""
-    _copy_rows(values, places, in_step, -OWN, rows[:OWN])
-    _copy_rows(values, places, in_step, 1, rows[OWN : 2 * OWN])
-
-
-@noalias_kernel
-def _copy_rows(values: Singles, places: Ints, in_step: bool, off: int, rows: Singles) -> None:
-    """Write the values so many places behind some, into each next row those one place on."""
-    # A call for each row would take several times as long as what it copies.
-    if in_step:
-        some = values[places[0] + off :]
-        for m in range(len(rows)):
-            for lane in range(rows.shape[1]):
-                rows[m, lane] = some[m + lane]
-    else:
-        # One place after the other: a processor reads single ones slowly from all over an array.
-        for lane in range(rows.shape[1]):
-            k = places[lane] + off
-            for m in range(len(rows)):
-                rows[m, lane] = values[k + m]
-
-
-@noalias_kernel
-def _copy_phases(
-    phase: Floats, places: Ints, in_step: bool, off: int, origin: Floats, rows: Singles
-) -> None:
-    """Do so with phases, less that of each lane's point."""
-    if in_step:
-        some = phase[places[0] + off :]
-        for m in range(len(rows)):
-            for lane in range(rows.shape[1]):
-                rows[m, lane] = some[m + lane] - origin[lane]
-    else:
-        # One place after the other: a processor reads single ones slowly from all over an array.
-        for lane in range(rows.shape[1]):
-            k = places[lane] + off
-            for m in range(len(rows)):
-                rows[m, lane] = phase[k + m] - origin[lane]
-
-
-@noalias_kernel
-def _compare(
-    window: PatternWindow, side: Singles, most: Single, begin: int, rows: int, there: Singles
-) -> None:
-    """Compare points with the returns beside them: slots of the window from ``begin`` on.
-
-    ``side`` has so many rows of x, then of y, z, range and phase.
-    """
-    squares, ranges = window.square, window.away
-    for m in range(rows):
-        xs, ys, zs = side[m], side[rows + m], side[2 * rows + m]
-        returns = xs, ys, zs, side[3 * rows + m], side[4 * rows + m]
-        _compare_row(window.mine, returns, most, squares[begin + m], ranges[begin + m], there)
-
-
-@noalias_kernel
-def _compare_row(
-    mine: Singles,
-    returns: tuple[Singles, ...],
-    most: Single,
-    square: Singles,
-    away: Singles,
-    there: Singles,
-) -> None:
-    """Compare points with one return of each: its x, y, z and range, and its phase less theirs."""
-    x, y, z, r = mine[0], mine[1], mine[2], mine[3]
-    xs, ys, zs, rs, ps = returns
-    for lane in range(len(square)):
-        good = abs(ps[lane]) <= most
-        dx, dy, dz = xs[lane] - x[lane], ys[lane] - y[lane], zs[lane] - z[lane]
-        d = dx * dx + dy * dy + dz * dz
-        square[lane] = d if good else FAR
-        away[lane] = rs[lane] - r[lane] if good else ZERO
-        there[lane] += ONE if good else ZERO
+            off = m - OTHER
+            at = (2 * OWN + ring * AROUND + m) * LANES + lane
+            p = single(take(phase, others, lane, off, in_step) - origin)
+            good = abs(p) <= most
+            dx = take(rows[0], others, lane, off, in_step) - x
+            dy = take(rows[1], others, lane, off, in_step) - y
+            dz = take(rows[2], others, lane, off, in_step) - z
+            away = take(rows[RANGE], others, lane, off, in_step) - r
+            store(window.square, at, select(good, dx * dx + dy * dy + dz * dz, FAR))
+            store(window.away, at, select(good, away, ZERO))
+            there = count(there, good)
+        known = load(window.square, (2 * OWN + ring * AROUND + OTHER) * LANES + lane) < FAR
+        inverse = ONE / take(rows[RANGE], others, lane, 0, in_step)
+        store(window.inverse, ring * LANES + lane, select(known, inverse, -ONE))
+        total = total + select(known, take(rough, others, lane, 0, in_step), ZERO)
+        rough_count = count(rough_count, known)
+    store(sums, SUM.there_other * LANES + lane, single(there))
+    store(sums, SUM.rough_other * LANES + lane, total)
+    store(sums, SUM.rough_count_other * LANES + lane, single(rough_count))

@@ -15,7 +15,6 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     FAR,
-    KEPT_NEAREST,
     MAX_VALUE,
     ONE,
     OWN,
@@ -29,6 +28,18 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     F,
 )
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, noalias_kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.kernels.vectors import (
+    WIDTH,
+    count,
+    least,
+    load,
+    most,
+    no_counts,
+    repeat,
+    single,
+    store,
+)
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Single, Singles
@@ -45,7 +56,9 @@ PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
 @inlined_kernel
 def write_features(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write the features of the points of gathered windows."""
-    _count(pattern, line, window)
+    for lane in range(0, LANES, WIDTH):
+        _count(pattern, line, lane, window)
+        _find_nearest(lane, window)
     _along(pattern, line, window, values)
     _distances(pattern, line, window, values)
     _shares(window, values)
@@ -65,37 +78,51 @@ def width(array: Singles) -> int:
 
 
 @noalias_kernel
-def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
-    """Count returns before, behind and at the same range, and find the nearest of all."""
-    reach, gap = window.mine[RANGE], pattern.gap[line]
-    apart, most = pattern.apart[line], pattern.level[line]
-    square, away, sums, best = window.square, window.away, window.sums, window.best
-    best[:] = FAR
-    for lane in range(width(square)):
-        sums[SUM.farthest, lane] = reach[lane]
-        sums[SUM.nearest_other, lane] = FAR
-    for slot in range(2 * OWN, SIZE):
-        for lane in range(width(square)):
-            sums[SUM.nearest_other, lane] = min(sums[SUM.nearest_other, lane], square[slot, lane])
+def _count(pattern: Pattern, line: int, lane: int, window: PatternWindow) -> None:
+    """Count returns before, behind and at the same range, from a lane on."""
+    reach, square, away, sums = window.mine[RANGE], window.square, window.away, window.sums
+    r = load(reach, lane)
+    unit = r * pattern.gap[line] + pattern.apart[line]
+    same = level_within(unit, pattern.level[line])
+    near, nearest, wide = ZERO - same, DENSE_SQUARE * unit * unit, SPARSE_SQUARE * unit * unit
+    dense, sparse, farthest = no_counts(), no_counts(), r
+    for part in range(2):
+        before, behind, level = no_counts(), no_counts(), no_counts()
+        for slot in range(2 * OWN * part, 2 * OWN if part == 0 else SIZE):
+            d, off = load(square, slot * LANES + lane), load(away, slot * LANES + lane)
+            before, behind = count(before, off < near), count(behind, off > same)
+            level = count(level, (abs(off) <= same) & (d < FAR))
+            dense, sparse = count(dense, d <= nearest), count(sparse, d <= wide)
+            farthest = most(farthest, r + off)
+        store(sums, (SUM.before_own + part) * LANES + lane, single(before))
+        store(sums, (SUM.behind_own + part) * LANES + lane, single(behind))
+        store(sums, (SUM.level_own + part) * LANES + lane, single(level))
+    store(sums, SUM.dense * LANES + lane, single(dense))
+    store(sums, SUM.sparse * LANES + lane, single(sparse))
+    store(sums, SUM.farthest * LANES + lane, farthest)
+
+
+@noalias_kernel
+def _find_nearest(lane: int, window: PatternWindow) -> None:
+    """Find the nearest returns from a lane on: of all, in order, and of other rings."""
+    square, best = window.square, window.best
+    a = b = c = d = e = nearest = repeat(FAR)
     for slot in range(SIZE):
-        part = 0 if slot < 2 * OWN else 1
-        for lane in range(width(square)):
-            mine, value, off = reach[lane], square[slot, lane], away[slot, lane]
-            unit = mine * gap + apart
-            same = level_within(unit, most)
-            sums[SUM.before_own + part, lane] += ONE if off < -same else ZERO
-            sums[SUM.behind_own + part, lane] += ONE if off > same else ZERO
-            sums[SUM.level_own + part, lane] += ONE if (abs(off) <= same) & (value < FAR) else ZERO
-            sums[SUM.dense, lane] += ONE if value <= DENSE_SQUARE * unit * unit else ZERO
-            sums[SUM.sparse, lane] += ONE if value <= SPARSE_SQUARE * unit * unit else ZERO
-            sums[SUM.farthest, lane] = max(sums[SUM.farthest, lane], mine + off)
-        for lane in range(width(square)):
-            # One after the other finds its rank; what is larger goes on.
-            value = square[slot, lane]
-            for rank in range(KEPT_NEAREST - 1):
-                a = best[rank, lane]
-                best[rank, lane], value = min(a, value), max(a, value)
-            best[KEPT_NEAREST - 1, lane] = min(best[KEPT_NEAREST - 1, lane], value)
+        value = load(square, slot * LANES + lane)
+        if slot >= 2 * OWN:
+            nearest = least(nearest, value)
+        # One after the other finds its rank; what is larger goes on.
+        a, value = least(a, value), most(a, value)
+        b, value = least(b, value), most(b, value)
+        c, value = least(c, value), most(c, value)
+        d, value = least(d, value), most(d, value)
+        e = least(e, value)
+    store(best, lane, a)
+    store(best, LANES + lane, b)
+    store(best, 2 * LANES + lane, c)
+    store(best, 3 * LANES + lane, d)
+    store(best, 4 * LANES + lane, e)
+    store(window.sums, SUM.nearest_other * LANES + lane, nearest)
 
 
 @noalias_kernel

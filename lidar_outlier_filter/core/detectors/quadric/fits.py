@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.planes import LONG, MEAN, MIDDLE, NORMAL, QUADRIC
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH, add_row
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
+from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
@@ -39,7 +39,7 @@ def sum_normal(window: Window, n: int, size: int) -> None:
     """Sum the normal matrix Bᵀ P B: part = P B; normal[j] += part[j] B, for each of the points."""
     rows, weight, normal, which = window.rows, window.weight, window.normal, window.which
     for j in range(size):
-        for k in range(WIDTH):
+        for k in range(ROW):
             normal[j, k] = 0.0
     count = 0
     for i in range(n):
@@ -67,7 +67,7 @@ def _invert_bordered(window: Window, size: int) -> bool:
     for i in range(size):
         largest = max(largest, window.normal[i, i])
     for i in range(size + 1):
-        for j in range(WIDTH):
+        for j in range(ROW):
             square[i, j] = window.normal[i, j] if i < size and j < size else 0.0
             inverse[i, j] = 1.0 if i == j else 0.0
     for i in range(size):
@@ -96,11 +96,11 @@ def _eliminate(square: Floats, inverse: Floats, size: int, least: float) -> bool
         if not most > least:
             return False
         if pivot != i:
-            for k in range(WIDTH):
+            for k in range(ROW):
                 square[i, k], square[pivot, k] = square[pivot, k], square[i, k]
                 inverse[i, k], inverse[pivot, k] = inverse[pivot, k], inverse[i, k]
         factor = 1 / square[i, i]
-        for k in range(WIDTH):
+        for k in range(ROW):
             square[i, k] *= factor
             inverse[i, k] *= factor
         for j in range(bordered):
@@ -229,7 +229,7 @@ def _measure_levers(window: Window, n: int, size: int) -> None:
     """Measure B Q Bᵀ of all points."""
     rows, product = window.rows, window.square
     for i in range(n):
-        for k in range(WIDTH):
+        for k in range(ROW):
             product[0, k] = 0.0
         for k in range(size):
             add_row(product, 0, rows[i, k], window.cofactor, k, size)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.quadric.rows import WIDTH
 from lidar_outlier_filter.core.kernels.eigen import NEGLIGIBLE, SWEEPS
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, noalias_kernel
+from lidar_outlier_filter.core.kernels.vectors import ROW
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
@@ -66,7 +66,7 @@ def empty_window(room: int) -> Window:
     return Window(
         np.zeros((3, room)),
         np.ones(room),
-        np.zeros((room, WIDTH)),
+        np.zeros((room, ROW)),
         np.zeros((2, room)),
         np.zeros((2, room), np.bool_),
         np.zeros(room, np.int64),
@@ -76,7 +76,7 @@ def empty_window(room: int) -> Window:
         *np.zeros((4, room), np.bool_),
         *np.zeros((2, QUADRIC)),
         *np.zeros((2, 16)),
-        *np.zeros((4, WIDTH, WIDTH)),
+        *np.zeros((4, ROW, ROW)),
     )
 
 
