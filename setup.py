@@ -101,7 +101,7 @@ setup(
             'archive/assets/*',
             '**/portable/*.nb[ci]',
         ],
-        LAB: ['py.typed'],
+        LAB: ['py.typed', 'results/*.cpp'],
     },
     data_files=shared_files(),
     zip_safe=True,

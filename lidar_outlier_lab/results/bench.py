@@ -27,6 +27,7 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_lab.results import markdown, peers
+from lidar_outlier_lab.results.native_peers import native_peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
@@ -36,10 +37,12 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats
+    from lidar_outlier_lab.results.native_peers import NativePeers
 
 SHOTS = 1000  # of a scan line
 NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peers' statistical outlier removal
+DROR = (3, 0.05, 0.035)  # others, least radius in metres, radius ÷ range
 ROUNDS = 5
 SPATIAL = ('quadric', 'lof', 'sor')
 CHAINS = (('boosted_trees',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
@@ -49,14 +52,12 @@ SLOWER = 160.0  # scan lines a second of another profile scanner; 150 have no wh
 SECONDS = 4.0  # of the demo's drive
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 SLOW = 8  # part of the cloud that slow peers get
+COPIED = 48  # bytes of a point, as Ouster's: nothing that touches a cloud is faster than its copy
 COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
 MOST_CORES = 2
 PEERS = ('open3d', 'sklearn')
 # What is not compared here, and why.
-OTHERS = (
-    'PCL: its Python bindings are no longer maintained, and need an old release of it',
-    '3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',
-)
+OTHERS = ('3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',)
 
 
 @dataclass
@@ -134,8 +135,8 @@ def stream_work(
     return Work(f'decode → {", ".join(chain)} → split', points, stream)
 
 
-def peer_works(xyz: Floats) -> list[Work]:
-    """Run the peers' detectors on the same points; SciPy's and scikit-learn's on some of them."""
+def peer_works(xyz: Floats, native: NativePeers | None) -> list[Work]:
+    """Run the peers' SOR and LOF on the same points; all but Open3D's on some of them."""
     some = xyz[: len(xyz) // SLOW]
     sor_name = f'SOR({NEIGHBOURS}, {MULTIPLIER})'
     works = []
@@ -145,10 +146,44 @@ def peer_works(xyz: Floats) -> list[Work]:
         works.append(Work(name, len(xyz), call))
     call = partial(peers.sor, some, NEIGHBOURS, MULTIPLIER)
     works.append(Work(f'SciPy: {sor_name}', len(some), call))
+    if native and native.has_pcl:
+        call = partial(native.sor, some.astype(np.float32), NEIGHBOURS, MULTIPLIER)
+        same(f'PCL: {sor_name}', call(), peers.sor(some, NEIGHBOURS, MULTIPLIER))
+        works.append(Work(f'PCL: {sor_name}', len(some), call))
     if find_spec('sklearn') is not None:
         name = f'scikit-learn: LOF({NEIGHBOURS})'
         works.append(Work(name, len(some), lambda: peers.lof(some, NEIGHBOURS)))
     return works
+
+
+def vehicle_works(msg: Any, native: NativePeers | None) -> list[Work]:
+    """Run on one turn of a spinning sensor what vehicles run today; and the copy of a cloud."""
+    rows, xyz = structured(msg).reshape(-1), coordinates([msg])
+    reach = np.linalg.norm(xyz, axis=1)
+    works = []
+    if native:
+        # The demo's sensor turns clockwise, and azimuths grow with time.
+        azimuth, ring = -np.arctan2(xyz[:, 1], xyz[:, 0]), rows['ring'].copy()
+        given, azimuth, far = (column.astype(np.float32) for column in (xyz, azimuth, reach))
+        call = partial(native.rings, given, azimuth, far, ring)
+        works.append(Work('C++: ring filter of Autoware', len(xyz), call))
+    if native and native.has_pcl:
+        others, least, factor = DROR
+        some = slice(len(xyz) // SLOW)
+        call = partial(native.dror, xyz[some].astype(np.float32), *DROR)
+        third = peers.distances(xyz[some], others)[:, -1]
+        same('DROR on PCL', call(), third > np.maximum(least, factor * reach[some]))
+        works.append(Work('PCL: DROR', len(third), call))
+    cloud = np.zeros(len(xyz) * COPIED, np.uint8)
+    copy = partial(np.copyto, np.empty_like(cloud), cloud)
+    return [*works, Work(f'copy of {COPIED} bytes a point', len(xyz), copy)]
+
+
+def same(name: str, rejected: Bools, expected: Bools) -> None:
+    """Refuse to time a peer that does not do what the table says."""
+    different = int((rejected != expected).sum())
+    if different:
+        raise FilterError(f'points that {name} rejects', 'those of SciPy', different)
 
 
 def coordinates(messages: list[Any]) -> Floats:
@@ -165,30 +200,31 @@ def coordinates(messages: list[Any]) -> Floats:
 def run(console: Console, page: Path | None = None) -> int:
     """Measure, print tables, and write them where a page is named; return the exit status."""
     messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
-    xyz = coordinates(messages)
-    parts = [_conditions()]
-    for title, table in _tables(messages, xyz):
-        parts.append(f'## {title}\n\n{table}')
-        console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
+    with native_peers() as native:
+        parts = [_conditions(native)]
+        for title, table in _tables(messages, native):
+            parts.append(f'## {title}\n\n{table}')
+            console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
     console.print(parts[0], markup=False, highlight=False)
     if page is not None:
         markdown.write(page, 'speed', markdown.paragraphs(*parts), command=COMMAND)
     return 0
 
 
-def _tables(messages: list[Any], xyz: Floats) -> Iterator[tuple[str, str]]:
+def _tables(messages: list[Any], native: NativePeers | None) -> Iterator[tuple[str, str]]:
+    xyz = coordinates(messages)
     works = [stream_work(messages, chain) for chain in CHAINS]
     works += [spatial_work(xyz, name) for name in SPATIAL]
-    works += peer_works(xyz)
+    works += peer_works(xyz, native)
     yield 'The demo: a profile scanner', speeds(works)
     slower = profile_messages(SLOWER)
     works = [stream_work(slower, CHAINS[0])]
     name = f'A profile scanner of {SLOWER:.0f} lines × {SHOTS} shots a second'
-    yield name, speeds([*works, *peer_works(coordinates(slower))])
+    yield name, speeds([*works, *peer_works(coordinates(slower), native)])
     for rings, columns in SWEEPS:
         turns = spinning_messages(rings, columns)
         works = [stream_work(turns, chain, {}) for chain in CHAINS[:2]]
-        works += peer_works(coordinates(turns[:1]))
+        works += peer_works(coordinates(turns[:1]), native) + vehicle_works(turns[0], native)
         yield f'Sweeps of {rings} × {columns}', speeds(works)
     yield 'Growth with the cloud', _growth(xyz)
 
@@ -246,9 +282,11 @@ def _growth(xyz: Floats) -> str:
     return markdown.table(head, rows)
 
 
-def _conditions() -> str:
+def _conditions(native: NativePeers | None) -> str:
     """Say how it was measured, and which peers are missing."""
     missing = [f'{name}: not installed' for name in PEERS if find_spec(name) is None]
+    if native is None or not native.has_pcl:
+        missing.append('PCL: ' + ('no C++ compiler' if native is None else 'not installed'))
     left = '; '.join((*missing, *OTHERS))
     return (
         f'{cores()} cores; medians of {ROUNDS} rounds, in which all works take turns. '
