@@ -28,3 +28,19 @@ def test_free_scanners_are_judged_well(livox: dict[str, Any]) -> None:
     assert found_free.f1 > 0.95
     assert found_free.lost < 0.002
     assert livox['by_default'](dry.points, dry.outlier).lost < 0.002
+
+
+def test_rows(livox: dict[str, Any]) -> None:
+    """A row has F1 and good points lost: of the default, and of each peer where it is best."""
+    (snow,) = (sweep for sweep in livox['sweeps']('Mid-40', 3) if sweep.kind == 'light_snow')
+    judged = livox['Judged']()
+    livox['look'](judged, snow)
+    best = {}
+    for name, (row,) in judged.peers.items():
+        top = row.f1.argmax()
+        best[name] = f'{row.f1[top]:.2f} ({100 * row.lost[top]:.2f} %)'
+    ours = livox['by_default'](snow.points, snow.outlier)
+    found = dict(zip(livox['HEAD'][2:], livox['cells']('light_snow', judged, {}), strict=True))
+    assert found.pop(livox['FREE']) == f'{ours.f1:.2f} ({100 * ours.lost:.2f} %)'
+    del found[livox['DARK']]
+    assert found == best

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
@@ -20,6 +20,7 @@ from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import clouds, messages, record
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import (
+    ProfileScanner,
     SpinningScanner,
     _strongest,
 )
@@ -248,6 +249,12 @@ def test_time_of_each_point() -> None:
     np.testing.assert_array_equal(times - found[0].stamp, shot * 50_000)
     for number in np.unique(ring):
         assert set(np.diff(times[ring == number])) == {SMALL.column_time}
+
+
+def test_shots_that_the_clock_cannot_count() -> None:
+    """Are refused."""
+    with pytest.raises(FilterError, match='must be whole nanoseconds'):
+        ProfileScanner(lines_per_second=300.0, shots_per_line=1234)
 
 
 def test_straight_with_a_stop() -> None:

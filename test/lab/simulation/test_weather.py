@@ -107,6 +107,13 @@ def test_rain_and_snow_of_the_papers() -> None:
     assert (rain.extinction, snow.extinction) == pytest.approx((1.55558e-3, 9.6995e-4), rel=1e-4)
 
 
+def test_least_drop_through_rain() -> None:
+    """It is b √(P r² e^(2αr) ÷ ρ): at 10 m with α = 0.0785, 10 mm × √(1e-4 × 4.811 ÷ 0.9)."""
+    fall = drops.Precipitation(2e5, 2.0, 0.9, 1000.0)
+    found = drops.least_diameter(fall, NARROW, np.array([10.0]), np.array([1e-6]))
+    assert found == pytest.approx([0.23120], rel=1e-3)
+
+
 def test_as_many_drops_as_a_beam_holds() -> None:
     """N0 ÷ Λ = 4000 drops a m³ in a beam of 78.54 mm²: 0.31416 a metre, 3.1416 in 10 m."""
     count, fall = 20_000, drops.Precipitation(8000.0, 2.0, 0.9, 1000.0)
