@@ -82,6 +82,7 @@ def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
     from lidar_outlier_filter.archive.jobs import ReplayJob, Task
     from lidar_outlier_filter.archive.locations import find, path_at
+    from lidar_outlier_filter.archive.sidecar import FAILED
 
     path = path_at(options.recording)
     root = path.resolve() if isinstance(path, Path) else path
@@ -100,6 +101,8 @@ def replay_archive(options: argparse.Namespace) -> int:
         tasks.append(Task(location, name, folder, (name.removesuffix(suffix),)))
     records, results = go_through(tasks, job, options, root.name, folder)
     show_replayed(tasks, records, results, job, folder)
+    if any(record.state == FAILED for record in records) and not options.salvage:
+        say('--salvage filters what can be read of damaged recordings')
     return status(records)
 
 

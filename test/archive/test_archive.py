@@ -154,6 +154,7 @@ def test_a_damaged_recording_fails_alone(capsys: Capture) -> None:
         assert run_on() == 3
         printed = capsys.readouterr()
         assert 'bad.mcap must be readable, got' in printed.err
+        assert '--salvage filters what can be read' in printed.err
         assert '1 failed' in printed.out
         assert 'bad.mcap must be readable, got' in (OUT / 'archive.html').read_text('utf-8')
     assert not (OUT / 'bad').exists()

@@ -92,7 +92,10 @@ export class Map2D {
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
     const ticks = (axis) => Array.from({ length: 1 + Math.floor(to[axis] / step) - Math.ceil(from[axis] / step) }, (_, k) => (Math.ceil(from[axis] / step) + k) * step);
     context.textAlign = 'center';
-    for (const x of ticks(0)) context.fillText(x.toFixed(digits), LEFT + ((x - from[0]) / (to[0] - from[0])) * this.wide, HEIGHT - BELOW + 17);
+    for (const x of ticks(0)) {
+      const [u, text] = [LEFT + ((x - from[0]) / (to[0] - from[0])) * this.wide, x.toFixed(digits)];
+      if (u + context.measureText(text).width / 2 <= WIDTH) context.fillText(text, u, HEIGHT - BELOW + 17);
+    }
     context.textAlign = 'right';
     for (const y of ticks(this.axis)) {
       const v = this.tall * (1 - (y - from[this.axis]) / (to[this.axis] - from[this.axis]));
