@@ -202,20 +202,14 @@ def on_page(what: str) -> Sequence[Column]:
 
 
 def in_terminal(rows: Sequence[ArchiveRow], what: str) -> list[Column]:
-    """Return the columns of a terminal, where files have counts, also by detector."""
+    """Return the columns of a terminal, where files have counts."""
     columns: list[Column] = [*OF_RECORDINGS]
     if what == 'file':
-        names = dict.fromkeys(name for row in rows for name in row.rejected_by)
         columns = [
             POINTS,
             *(_count(name, is_rare=True) for name in ('invalid', 'ignored', 'untested', 'spared')),
             _count('rejected'),
             Column('share', lambda row: row.of_points('rejected'), '{:.3%}'.format),
-            *(_by(name) for name in names if len(names) > 1),
             Column('seconds', lambda row: row.record.seconds, '{:.1f}'.format),
         ]
     return [one for one in columns if not one.is_rare or any(map(one.value, rows))]
-
-
-def _by(name: str) -> Column:
-    return Column(f'by {name}', lambda row: row.rejected_by[name], '{:,}'.format)

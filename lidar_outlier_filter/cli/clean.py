@@ -29,6 +29,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
     saying_how_far,
+    show,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError
@@ -178,6 +179,8 @@ def _clean(options: argparse.Namespace) -> int:
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
     run = _clean_one if is_single else _clean_many
     status = run(options, parameters, folder, look)
+    if picture is not None and picture.is_file():
+        show(f'written to {picture}')
     return INCOMPLETE if status == DONE and picture != options.picture else status
 
 

@@ -183,11 +183,9 @@ def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: flo
     """Print the results of a single file: sentences, tables, and the outputs."""
     rare = ('invalid', 'ignored', 'untested', 'spared')
     counts = {name: getattr(report, name) for name in rare if getattr(report, name)}
-    by = report.rejected_by if len(report.rejected_by) > 1 else {}
     row = {'points': report.points, **counts, 'rejected': report.rejected}
     cells = {name: f'{number:,}' for name, number in row.items()}
     cells['share'] = f'{report.rejected / report.points:.3%}'
-    cells |= {f'by {name}': f'{number:,}' for name, number in by.items()}
     cells |= {'seconds': f'{seconds:.1f}', 'state': 'untested' if report.is_untested else 'done'}
     table = numbers('file', *cells)
     table.add_row(printable(path.name), *cells.values())
@@ -203,6 +201,8 @@ def _show(
     reports = list(found.values())
     if table is not None:
         show(table)
+    if any(len(report.rejected_by) > 1 for report in reports):
+        show(_table_of_detectors(reports))
     if any(report.by_class for report in reports):
         show(_table_of_classes(reports))
     if any(report.rejected for report in reports):
@@ -219,7 +219,7 @@ def _say_how(path: Path, report: CleanReport) -> None:
     if report.metres:
         unit = unit_text(report.metres)
         crs = f'; its coordinate system is {report.crs}' if report.crs else ''
-        say(f'{path} is judged in metres, and written in its own unit, {unit}{crs}')
+        say(f'{path} is in {unit}, and is judged in metres{crs}')
     if report.coarse:
         say(f'{path}: {report.coarse}')
     if report.rings:
@@ -233,6 +233,17 @@ def _say_how(path: Path, report: CleanReport) -> None:
         say(f'{path}: kept points that look like low points: {report.left_low:,}; {LOW_POINTS}')
     if report.rejected > NOTABLE_SHARE * report.points:
         say(f'{path}: {report.rejected / report.points:.1%} of its points are rejected')
+
+
+def _table_of_detectors(reports: Sequence[CleanReport]) -> Table:
+    """Make the table of what each detector of a chain rejected, of all files together."""
+    rejected = Counter[str]()
+    for report in reports:
+        rejected.update(report.rejected_by)
+    table = numbers('detector', 'rejected')
+    for name, count in rejected.items():
+        table.add_row(name, f'{count:,}')
+    return table
 
 
 def _table_of_classes(reports: Sequence[CleanReport]) -> Table:

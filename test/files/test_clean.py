@@ -159,7 +159,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     said = capsys.readouterr().err
     for sentence in (
         f'{files[0]}: {logs[0]["rejected"] / logs[0]["points"]:.1%} of its points are rejected\n',
-        f'{files[1]} is judged in metres, and written in its own unit, ft (0.3048 m)',
+        f'{files[1]} is in ft (0.3048 m), and is judged in metres',
         '; its coordinate system is NAD_1983_HARN_Lambert_Conformal_Conic\n',
         f'{files[2]} has no column that says its scan lines: it is judged without scan lines\n',
     ):
@@ -220,7 +220,7 @@ def test_tiles_by_the_default(folder: Path) -> None:
 # The log
 
 
-def test_log(folder: Path) -> None:
+def test_log(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The log has input, parameters, versions, counts and durations, as JSON."""
     path = folder / f'{SWEEP}.pcd'
     settings = folder / 'my.yaml'
@@ -239,6 +239,8 @@ def test_log(folder: Path) -> None:
     bits = {'lof': 4, 'sor': 8}
     by = {name: np.count_nonzero(verdict.detectors & bit) for name, bit in bits.items()}
     assert log['rejected_by'] == by
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert all(['│', name, '│', f'{count:,}', '│'] in rows for name, count in by.items())
     assert log['rejected'] == sum(by.values()) > 0
     assert log['second_phase'] == 0
     assert (log['points'], log['invalid'], log['untested']) == (24224, 0, 0)

@@ -127,7 +127,7 @@ def test_the_picture(cloud: Path, capsys: Capture) -> None:
     arguments = ['clean', str(cloud), '--dry-run', '--picture']
     assert main([*arguments, str(picture)]) == 0
     assert picture.read_bytes().startswith(b'\x89PNG')
-    capsys.readouterr()
+    assert capsys.readouterr().out.endswith(f'\nwritten to {picture}\n')
     assert main([*arguments, str(picture)]) == 1
     assert main([*arguments, str(cloud.with_name('worst.gif'))]) == 1
     said = capsys.readouterr().err.splitlines()

@@ -124,7 +124,7 @@ def test_limits_are_in_metres(
     options = ['--chain', 'sor', '--set', 'sor.statistic=radius', '--set', 'sor.radius=30.0']
     assert main(['clean', str(path), *options, '--output', str(out)]) == 0
     printed = ' '.join(capsys.readouterr().err.split())
-    assert 'is judged in metres, and written in its own unit, ft (0.3048 m)' in printed
+    assert 'is in ft (0.3048 m), and is judged in metres' in printed
     log = json.loads(out.with_name('out.las.json').read_text())
     assert log['metres'] == dict.fromkeys('xyz', FOOT)
     before, after = laspy.read(path), laspy.read(out)
