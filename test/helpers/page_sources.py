@@ -4,19 +4,28 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from helpers import ROOT
 from helpers.page_runs import DATA, Pages
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import PATTERN_MODEL, read_file
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    read_file,
+)
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.evaluation.report import percent as exactly
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
@@ -54,11 +63,65 @@ def output_of(page: str, command: str) -> Source:
         said, _, table = output.partition('┏')
         return {
             'all': output.strip(),  # a page keeps the blanks before it
-            'to the table': (said + '┏' + table).partition('\nwritten to ')[0],
+            'to the speed': (said + '┏' + table).partition('\n│ points per second ')[0],
             'above the table': said.rstrip(),
         }
 
     return source
+
+
+def tables(_pages: Pages) -> Figures:
+    """Read the tables in doc/results.
+
+    A cell has the name ``file/heading/corner of the table/row/column``, the rows of a table
+    ``file/heading``. Of headings, columns and corners counts what precedes a comma or colon,
+    of rows all but a bracket. The first of equal names counts. Of F1 with other figures in
+    brackets, ``NAME, F1`` is F1 alone.
+    """
+    figures: dict[str, str] = {}
+    for path in (ROOT / 'doc' / 'results').glob('*.md'):
+        heading, columns = '', list[str]()
+        for line in path.read_text('utf-8').splitlines():
+            cells = [cell.strip(' `*') for cell in line.split('|')[1:-1]]
+            if line.startswith('#'):
+                heading = _short(line.strip('# '))
+            elif not cells:
+                columns = []
+            elif not columns:
+                columns = [_short(cell) for cell in cells]
+            elif not set(line) <= set('| -:'):
+                stem = f'{path.stem}/{heading}'
+                figures[stem] = f'{figures[stem]}\n{line}' if stem in figures else line
+                title = re.sub(r'decode → | → split| \(.*|`', '', cells[0])
+                for column, cell in zip(columns[1:], cells[1:], strict=True):
+                    name = '/'.join(filter(None, (stem, columns[0], title, column)))
+                    figures.setdefault(name, cell)
+                    figures.setdefault(f'{name}, F1', cell.partition(' ')[0])
+    return figures
+
+
+def _short(text: str) -> str:
+    """Leave out what follows a comma, a colon or a backquote."""
+    return re.split('[,:]', text.replace('`', ''))[0]
+
+
+def files(_pages: Pages) -> Figures:
+    """Count what is rejected of real files, by the default."""
+    figures: dict[str, str] = {}
+    for name, file, sensor in (
+        ('actual_scan', 'actual_scan_20240820_cloud.pcd', 'auto'),
+        ('autzen_trim', 'autzen_trim.laz', 'auto'),
+        ('source', 'source.ply', 'auto'),
+        ('source survey', 'source.ply', 'survey'),
+    ):
+        path, parameters = DATA / 'clouds' / file, {'boosted_trees.sensor': sensor}
+        found = clean_file(
+            path, path, FilterParameters().changed(parameters), CleanOptions(dry=True)
+        )
+        figures[f'{name} points'] = grouped(found.points)
+        figures[f'{name} rejected'] = grouped(found.rejected)
+        figures[f'{name} share'] = percent(found.rejected / found.points)
+    return figures
 
 
 def street(pages: Pages) -> Figures:
@@ -134,6 +197,8 @@ def trees(_pages: Pages) -> Figures:
     figures |= {'least left': percent(left[0]), 'most left': percent(left[-1])}
     figures |= {'least shipped': percent(min(shipped.values()))}
     figures |= {'most shipped': percent(max(shipped.values()))}
+    profile = read_file(PROFILE_MODEL)['held_out']['recall']
+    figures |= {f'profile {cause}': f'{100 * share:.1f} %' for cause, share in profile.items()}
     return figures | {f'shipped {sensor}': percent(share) for sensor, share in shipped.items()}
 
 

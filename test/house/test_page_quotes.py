@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers import ROOT
+from helpers import ROOT, page_sources
 from helpers.page_quotes import SOURCES, Quote
 from helpers.page_runs import NOT_RUN, Pages, commands, pages, reason
 
@@ -41,20 +41,25 @@ def test_what_is_not_run_has_a_reason() -> None:
     assert [one for one in NOT_RUN if not any(line.startswith(one) for line in lines)] == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('name', SOURCES)
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(name, marks=() if source is page_sources.tables else pytest.mark.slow)
+        for name, (source, _) in SOURCES.items()
+    ],
+)
 def test_quotations(runs: Pages, name: str) -> None:
     """Where this fails, ``cd test && python -m helpers.page_quotes`` rewrites the pages."""
     source, quotes = SOURCES[name]
     figures = source(runs)
     for quote in quotes:
-        assert quote.quoted() == quote.expected(figures), quote.page
+        assert list(quote.search().groups()) == quote.expected(figures), quote.page
 
 
 @pytest.mark.parametrize('quote', [one for _, quotes in SOURCES.values() for one in quotes])
 def test_quotations_are_on_their_pages(quote: Quote) -> None:
     """Each stretch is there once, and quotes something."""
-    assert all(quote.quoted())
+    assert quote.search().groups()
 
 
 def test_quotations_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,6 +68,6 @@ def test_quotations_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     page = tmp_path / 'page.md'
     page.write_text('# Page\n\nIt rejects 12\nof 50 points, 12 by `lof`.\n', 'utf-8')
     quote = Quote('page.md', 'It rejects {count} of {points} points')
-    assert quote.quoted() == ['12', '50']
+    assert quote.search().groups() == ('12', '50')
     quote.write({'count': '7', 'points': '50'})
     assert page.read_text() == '# Page\n\nIt rejects 7\nof 50 points, 12 by `lof`.\n'
