@@ -13,18 +13,19 @@ Without ``--wads`` the drive in real snow is left out; `doc/real_snow.md` says h
 
 # ruff: noqa: INP001, T201  a script, which prints
 
-from __future__ import annotations
-
 import argparse
 import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from real_snow_sweeps import SNOW, read_rings
 from real_snow_sweeps import read_sweeps as read_wads
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -35,13 +36,6 @@ from lidar_outlier_lab.simulation.scenes.random_streets import LANES
 from lidar_outlier_lab.simulation.scenes.spinning_streets import plan
 from lidar_outlier_lab.simulation.world.trajectory import Route
 from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / 'shared' / 'data'

@@ -16,16 +16,14 @@ the last bit is seen.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -35,18 +33,13 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.points.points import concatenate
+from lidar_outlier_filter.core.points.points import Points, concatenate
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.results.samples import simulated
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / 'test' / 'golden' / 'verdicts.json'

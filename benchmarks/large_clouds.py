@@ -11,20 +11,15 @@ have; nobody filters. ``--write`` puts the table of this middleware into ``doc/l
 
 # ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports one middleware
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lidar_outlier_lab.results.markdown import table, write
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'

@@ -12,36 +12,30 @@ weather. ``--write`` puts the table into the page of the sensors.
 
 # ruff: noqa: INP001, T201  a script, no package
 
-from __future__ import annotations
-
 import argparse
 from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
 from lidar_outlier_lab.results.peers import distances, dror, lof
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import beams_of
-from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360
+from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner
 from lidar_outlier_lab.simulation.world.recording import to_message
 from lidar_outlier_lab.training.held_out import CLEAN, MIN_OUTLIERS, STREET
 from lidar_outlier_lab.training.scenes import put_weather
 from lidar_outlier_lab.training.train import Sweep
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 
 PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'results' / 'livox.md'
 SECTION = 'livox'

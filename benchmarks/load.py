@@ -14,8 +14,6 @@ after the change of the rate all was well again.
 
 # ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports ROS in each process
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -9,30 +9,23 @@ neighbour: a copy has the verdict of its point.
 
 # ruff: noqa: INP001  a part of a script, no package
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from itertools import product
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from real_snow_sweeps import Verdict
+from numpy.typing import NDArray
+from real_snow_sweeps import Cloud, Verdict
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import CloudFilter
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_lab.results import peers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-    from real_snow_sweeps import Cloud
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 
 HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says
 XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]

@@ -12,24 +12,17 @@ the one that is nearer. Where a laser saw one return only, the second block has 
 
 # ruff: noqa: INP001  a part of a script, no package
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Confusion, tally
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-
 
 SHOT_STEP, SHOT_TIME = 0.2, 55_560  # degrees and nanoseconds from shot to shot
 SAME_SHOT = 0.01  # degrees between azimuths of one shot; they differ by less than 0.0001

@@ -11,32 +11,25 @@ PDAL, Open3D, lidR and CloudCompare, reimplemented from their definitions, besid
 """
 # ruff: noqa: INP001, T201  a script, no package
 
-from __future__ import annotations
-
 import argparse
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import laspy
 import numpy as np
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.evaluation.confusion import confusion
+from lidar_outlier_filter.core.annotations import Bools, Floats
+from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_lab.results.markdown import paragraphs, table, write
 from lidar_outlier_lab.results.peers import distances
 from lidar_outlier_lab.results.real_clouds import labelled
-from lidar_outlier_lab.results.samples import simulated
+from lidar_outlier_lab.results.samples import Sample, simulated
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-    from lidar_outlier_filter.evaluation.confusion import Confusion
-    from lidar_outlier_lab.results.samples import Sample
-
-    Cloud = tuple[str, Floats, Bools]  # name, positions, which points are outliers
-    Figures = dict[str, dict[str, list[Confusion]]]
+Cloud = tuple[str, Floats, Bools]
+Figures = dict[str, dict[str, list[Confusion]]]
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'
 COMMAND = 'benchmarks/surveys.py --write'

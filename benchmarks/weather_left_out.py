@@ -12,23 +12,17 @@ hour of processor time. ``--write`` puts the table into ``doc/accuracy.md``.
 
 # ruff: noqa: INP001, T201  a script, which prints
 
-from __future__ import annotations
-
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lidar_outlier_lab.results.markdown import table, write
 from lidar_outlier_lab.training.ring_tables import known_scanners
 from lidar_outlier_lab.training.scenes import known_recordings, make_sweeps, read_sweeps
 from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
-from lidar_outlier_lab.training.train import Recipe, train
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_lab.training.train import Sweep
+from lidar_outlier_lab.training.train import Recipe, Sweep, train
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'doc' / 'accuracy.md'

@@ -5,9 +5,8 @@
 Tests compare the answers: those of kernels with plain loops, and those of peers with ours.
 """
 
-from __future__ import annotations
-
 import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,10 +14,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.points.points import Points, is_return
@@ -27,18 +28,10 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_lab.results import markdown, peers
-from lidar_outlier_lab.results.native_peers import native_peers
+from lidar_outlier_lab.results.native_peers import NativePeers, native_peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from rich.console import Console
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-    from lidar_outlier_lab.results.native_peers import NativePeers
 
 SHOTS = 1000  # of a scan line
 NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peers' statistical outlier removal

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everybody judges the same clouds in the same run, and each is counted alike."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Progress
 from lidar_outlier_filter.evaluation.confusion import (
     Confusion,
     Interval,
@@ -20,17 +20,8 @@ from lidar_outlier_filter.evaluation.confusion import (
     f1_interval,
     tally,
 )
-from lidar_outlier_lab.results.samples import simulated
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Progress
-    from lidar_outlier_lab.results.contestants import Contestant
-    from lidar_outlier_lab.results.samples import Sample
-
+from lidar_outlier_lab.results.contestants import Contestant
+from lidar_outlier_lab.results.samples import Sample, simulated
 
 STEPS = 100  # of a bar, for each cloud
 

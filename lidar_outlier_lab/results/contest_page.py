@@ -2,32 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contest of all detectors, chains and peers on all presets, run and written up."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
+from lidar_outlier_filter.core.annotations import Progress
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_lab.results.contest import compete, standings
+from lidar_outlier_lab.results.contest import Record, Standing, Standings, compete, standings
 from lidar_outlier_lab.results.contestants import (
     DEFAULT,
     MAX_PEER_POINTS,
     OURS,
     RULES,
+    Contestant,
     missing,
     peers,
 )
 from lidar_outlier_lab.results.markdown import NOTHING, folded, number, paragraphs, table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Progress
-    from lidar_outlier_lab.results.contest import Record, Standing, Standings
-    from lidar_outlier_lab.results.contestants import Contestant
-
-    Contest = tuple[str, int, Sequence[Contestant]]
-    _Figure = Callable[[Standing], str]
+Contest = tuple[str, int, Sequence[Contestant]]
+_Figure = Callable[[Standing], str]
 
 SIGNIFICANT = 0.005  # a lead in F1 that is worth a sentence
 

@@ -2,28 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who is compared: sets of parameters of this filter by name, and peers with their own code."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Reals
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.results.peers import has_open3d, lof, open3d_cloud, rejected_but
+from lidar_outlier_lab.results.samples import Sample
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Reals
-    from lidar_outlier_lab.results.samples import Sample
-
-    Judge = Callable[[NDArray[np.float64]], 'Judgement']
+Judge = Callable[[NDArray[np.float64]], 'Judgement']
 
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0

@@ -2,23 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The main job in one command: two simulated drives, filtered, scored and drawn."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from lidar_outlier_filter.cli.evaluate import read_recording
+from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, answers
+from lidar_outlier_filter.evaluation.judged import CAUSES, answers, read_recording
 from lidar_outlier_filter.evaluation.labels import CloudLabels
-from lidar_outlier_filter.evaluation.report import evaluate, percent
+from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, percent
 from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
@@ -31,19 +32,8 @@ from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
-from lidar_outlier_lab.simulation.world.recording import record
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-    from rich.console import Console
-
-    from lidar_outlier_filter.core.annotations import Bools
-    from lidar_outlier_filter.evaluation.report import Evaluation
-    from lidar_outlier_lab.simulation.world.drive import Drive
-    from lidar_outlier_lab.simulation.world.recording import Truth
+from lidar_outlier_lab.simulation.world.drive import Drive
+from lidar_outlier_lab.simulation.world.recording import Truth, record
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'

@@ -2,17 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables for a page that people write in as well: what is generated stands between markers."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
 
 NOTHING = '–'
 COMMAND = 'lidar-outlier-filter results'

@@ -5,19 +5,15 @@
 A statistic is what a peer compares with its threshold: the larger, the more of an outlier.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
+from lidar_outlier_filter.core.annotations import Bools, Floats
 
 
 def has_open3d() -> bool:

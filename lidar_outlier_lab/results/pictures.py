@@ -2,29 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a cloud before and after: in perspective, and from the side or from above."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 from PIL import Image
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 from lidar_outlier_filter.evaluation.truth import Cause
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from matplotlib.axes import Axes
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
-
-    Panel = Callable[[Axes, 'Shown'], str]
-    View = tuple[tuple[float, ...], tuple[float, ...]]  # the eye's place, and what it looks at
+Panel = Callable[[Axes, 'Shown'], str]
+View = tuple[tuple[float, ...], tuple[float, ...]]
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real clouds: labelled artefacts that are found, and clean recordings of which little may go."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core.annotations import Progress
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.labels import Codes
@@ -20,16 +20,9 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.tuning.training import Training, read_training
 from lidar_outlier_lab.results.contest import Standing, score
 from lidar_outlier_lab.results.contest_page import details, leader
-from lidar_outlier_lab.results.contestants import DEFAULT, OURS, peers
+from lidar_outlier_lab.results.contestants import DEFAULT, OURS, Ours, peers
 from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table
 from lidar_outlier_lab.results.samples import Sample
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Progress
-    from lidar_outlier_lab.results.contestants import Ours
 
 NOISE = Codes(frozenset({7, 18, 65}))  # LAS: low noise, high noise, IGN's artefacts
 RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {

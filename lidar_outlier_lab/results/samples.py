@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated clouds in memory, ready to be judged: what a preset and a seed give."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.chain import along_lines
 from lidar_outlier_filter.evaluation.judged import SURFACE
 from lidar_outlier_filter.evaluation.report import STRETCHES
@@ -16,16 +16,7 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training, cut
 from lidar_outlier_lab.simulation import presets
-from lidar_outlier_lab.simulation.world.recording import FRAME, TOPIC, to_message
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.recording import Cloud
-
+from lidar_outlier_lab.simulation.world.recording import FRAME, TOPIC, Cloud, to_message
 
 # How clouds are read whose fields have other than the usual names.
 READING: Mapping[str, Mapping[str, object]] = {

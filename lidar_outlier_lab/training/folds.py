@@ -11,23 +11,17 @@ from first results of the other folds, whose ensembles did see the scene; and th
 chosen on the scenes that the figures are of.
 """
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, read_trees
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, Trees, read_trees
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.training.learner import Drawn, Trained, learn
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
 
 FOLDS = 3
 DIGITS = 6

@@ -2,19 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What trees find on sensors that they were not trained on, and the threshold chosen by that."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Singles
-
+from lidar_outlier_filter.core.annotations import Floats, Singles
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
 LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds

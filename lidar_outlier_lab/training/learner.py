@@ -5,26 +5,20 @@
 And what both kinds of sensor share in training one: features of a pass, and what it judges.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
-
-    Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
+Learner = Any
 
 DEPTH = 3  # questions from the root of a tree to a value
 RATE = 0.2

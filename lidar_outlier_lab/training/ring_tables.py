@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of rings as makers publish them, and sensors simulated with such rings."""
 
-from __future__ import annotations
-
 import csv
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats
-
 
 TURN_NS = 100_000_000  # ten turns a second
 

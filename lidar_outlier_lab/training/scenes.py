@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the trees are trained on: real recordings in all weathers, and simulated streets."""
 
-from __future__ import annotations
-
 import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Progress, Singles
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import RecordingError
@@ -18,23 +19,14 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_lab.simulation import presets
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
-from lidar_outlier_lab.simulation.weather.beams import Optics, find_beams
-from lidar_outlier_lab.simulation.weather.echoes import measured
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
+from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes, measured
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS, make_both
 from lidar_outlier_lab.simulation.weather.labelled_cloud import Brightness
 from lidar_outlier_lab.simulation.world.recording import to_message
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.train import Sweep
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats, Progress, Singles
-    from lidar_outlier_lab.simulation.weather.beams import Beams
-    from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
-    from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-
 
 # Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
 # and that of the others behind them, makes the folds.

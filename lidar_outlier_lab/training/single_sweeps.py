@@ -2,19 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Single sweeps of spinning sensors in files without times: rings and times are found."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_lab.training.ring_tables import TABLES, TURN_NS, read_elevations
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 FULL = 36_000.0  # hundredths of a degree
 

@@ -18,17 +18,18 @@ Every second sweep trains without its intensities, so that trees can do without.
 ways, and there is a threshold for either.
 """
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Progress, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, read_trees
-from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import UNKNOWN
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import UNKNOWN, Pattern
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
@@ -45,15 +46,6 @@ from lidar_outlier_lab.training.learner import (
     learn,
     window_features,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
-
 
 # Known to the second pass, and not used: trees would learn how many outliers the streets have.
 UNUSED = ('share',)

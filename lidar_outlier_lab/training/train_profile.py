@@ -2,35 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train the trees that judge profile scanners on simulated streets; see :mod:`.folds`."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Ints, Progress, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
     prepare_all,
 )
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
-from lidar_outlier_lab.simulation.world.drive import simulate
+from lidar_outlier_lab.simulation.world.drive import Drive, simulate
 from lidar_outlier_lab.training.folds import SceneRecipe
 from lidar_outlier_lab.training.learner import judge_pass, window_features
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from lidar_outlier_filter.core.annotations import Bools, Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
-    from lidar_outlier_lab.simulation.world.drive import Drive
 
 STREETS = 64
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second

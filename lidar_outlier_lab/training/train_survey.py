@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train the trees that judge clouds without scan lines on simulated surveys; see :mod:`.folds`."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     far_values,
@@ -16,21 +15,18 @@ from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     near_values,
     neighbours,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    NAMES,
+    SURVEY_MODEL,
+    Trees,
+    add_up,
+)
 from lidar_outlier_filter.core.neighbours.duplicates import K
-from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.floor import Floor, look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene
+from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene, training_scene
 from lidar_outlier_lab.training.folds import FOLDS, SceneRecipe
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
-    from lidar_outlier_filter.core.neighbours.floor import Floor
-    from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 
 SCENES = 90
 RECIPE = SceneRecipe(

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Archives of recordings: what is done is skipped, changes are replayed, failures stay alone."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from helpers import ROOT
@@ -25,10 +24,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.recordings.replay import replay
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 DRIVES = Path('drives')
 OUT = Path('out')

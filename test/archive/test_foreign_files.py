@@ -2,29 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Only an output that a run noted, and that is unchanged, is replaced; all else is refused."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from helpers.archives import command_of, content, hidden, tree
 
 from lidar_outlier_filter.archive import publish, run
+from lidar_outlier_filter.archive.jobs import Task
 from lidar_outlier_filter.cli.main import main
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.archive.jobs import Task
-
-    Capture = pytest.CaptureFixture[str]
-    Words = Callable[..., list[str]]
+Capture = pytest.CaptureFixture[str]
+Words = Callable[..., list[str]]
 
 OUT = Path('out')
 

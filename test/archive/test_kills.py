@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs that are killed at any moment, and two at once: the outputs end as those of one run."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from helpers.archives import (
@@ -28,10 +27,7 @@ from lidar_outlier_filter.archive.sidecar import read_folder
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 OUT = Path('out')
 COUNT, LAST = 40, 17

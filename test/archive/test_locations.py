@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings on a store: found, read by ranges, copied within limits."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from helpers.stores import Store, running_store
@@ -14,10 +13,6 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings import remote_path
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.remote_path import RemotePath
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 MCAP, BAG, DATABASE = 'vlp16_mrpt_mcap', 'vlp16_mrpt.bag', 'vlp16_mrpt_db3'
 

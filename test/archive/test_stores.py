@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Archives on a store that speaks S3: as on this machine, and one sentence for what goes wrong."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import fsspec
 import pytest
@@ -19,11 +19,7 @@ from lidar_outlier_filter.archive.sidecar import read_folder
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 NAMES = ('a', 'b', 'c')
 ALL = 's3://cleaned/all'

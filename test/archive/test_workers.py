@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Workers: real processes of Dask, killed, poisoned and interrupted, never cost a byte."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dask import config
@@ -27,17 +27,11 @@ from helpers.drives import faults_of_a_cloud, write_drive
 
 from lidar_outlier_filter.archive import jobs, run
 from lidar_outlier_filter.archive import workers as module
-from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
+from lidar_outlier_filter.archive.workers import Workers, cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import SchedulerError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from lidar_outlier_filter.archive.workers import Workers
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]
 

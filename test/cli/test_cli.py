@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: exit statuses, sentences, and what is left of an interrupted run."""
 
-from __future__ import annotations
-
 import os
 import pty
 import shlex
@@ -14,7 +12,6 @@ import sys
 from argparse import ArgumentParser
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.drives import write_drive
@@ -25,8 +22,7 @@ from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parame
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
-if TYPE_CHECKING:
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 # A process that was started in the background of a shell would ignore SIGINT.
 COMMAND = """

@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A command says that it compiles kernels, once."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from helpers.watching import fresh_copy
 
 from lidar_outlier_filter.cli import compile as compile_notice
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 PACKAGE = 'lidar_outlier_filter'
 

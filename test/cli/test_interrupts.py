@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ctrl-C and SIGTERM: while a command imports, twice while it works, and when all is written."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

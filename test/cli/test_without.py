@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What works without ROS, and without the extra ``lab``."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +16,6 @@ from helpers import ROOT
 from helpers.drives import write_drive
 
 from lidar_outlier_filter import __version__
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SESSION = ROOT / 'doc' / 'examples' / 'numpy_session.py'
 # Some modules cannot be imported in the processes of this file.

@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """New files appear whole, together, or not at all, whatever ends a run or fills a disk."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from helpers import HELPERS
@@ -32,9 +31,6 @@ from lidar_outlier_filter.disk.new_files import (
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.clean import _allocator
 from lidar_outlier_filter.files.cloud_file import open_cloud
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def names(folder: Path) -> list[str]:

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counts by hand, tables of the papers, published intervals, and curves equal to scikit-learn's."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from sklearn import metrics
 
+from lidar_outlier_filter.core.annotations import Reals
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
     Confusion,
@@ -19,9 +17,6 @@ from lidar_outlier_filter.evaluation.confusion import (
     curve,
     f1_interval,
 )
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Reals
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command evaluate: what it prints, writes and refuses, of recordings and of files."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +15,7 @@ from sklearn import metrics
 from lidar_outlier_filter.cli.evaluate import label_files, read_recording
 from lidar_outlier_filter.cli.main import main
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 FILES = {'evaluation.json', 'roc.png', 'roc.svg', 'precision_recall.png', 'precision_recall.svg'}
 

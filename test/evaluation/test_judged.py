@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Truth and verdict from recordings whose answers are known, with the truth inside or beside."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.labelled import BAD, POINT, REJECTED, SCORED, TRUTH, answers, rows, write
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.verdict import Verdict
@@ -17,11 +17,6 @@ from lidar_outlier_filter.evaluation.judged import CAUSES, Judged
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_lab.simulation.world.recording import to_message
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 EMPTY = np.zeros(0, POINT)
 NONE = np.zeros(0, np.bool_)

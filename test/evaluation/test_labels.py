@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Labels from foreign files, scores beside them, and what codes mean."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -24,9 +23,6 @@ from lidar_outlier_filter.evaluation.labels import (
     read_codes,
     read_column,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CODE = np.array([0, 7, 1, 18, 7, 65])
 SCORE = np.array([0.5, 3.0, 1.0, np.nan, 1.0000001, 0.25])

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures: what is drawn is there, in both formats, and the same twice."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +11,7 @@ from PIL import Image
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import plots
-from lidar_outlier_filter.evaluation.confusion import Curve, confusion, curve
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.evaluation.confusion import Confusion
+from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, confusion, curve
 
 
 def made(strength: float) -> tuple[Curve, Confusion]:

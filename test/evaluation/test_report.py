@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluations against counts made by hand, and how they are laid out."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `clean`: files in, files out, and a log of what was done."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import signal
@@ -11,7 +9,8 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -28,10 +27,7 @@ from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 SWEEP = 'actual_scan_20240820_cloud'
 AIRBORNE = 'test_semis_2021_0382_6565_LA93_IGN69_cropped'

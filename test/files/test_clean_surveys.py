@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `clean` offers for surveys: classes, marks, strips, many files, and going on later."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -19,10 +18,7 @@ from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions, spare
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 BIRD, LOW = 40, 41
 

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """E57: scans in one frame, missing returns that stay, and a copy that is PLY."""
 
-from __future__ import annotations
-
 import tracemalloc
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +15,6 @@ from scipy.spatial.transform import Rotation
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 COUNT = 50
 LITTLE = 10_000_000  # bytes

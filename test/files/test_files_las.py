@@ -2,25 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """LAS and LAZ: every byte of header, records and points that is not to change is kept."""
 
-from __future__ import annotations
-
 import io
 import struct
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import laspy
 import lazrs
 import numpy as np
 import pytest
 from helpers.cloud_files import columns, copied, every_third, verdict
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 REAL = (
     'autzen-point-format-3.las',

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parquet: schema, metadata, row groups, compression and all other columns are kept."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,9 +13,6 @@ from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 COUNT = 1000
 

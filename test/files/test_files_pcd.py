@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """PCD: comments, padding, counts and numbers are kept in all three forms."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import lzf
 import numpy as np
@@ -13,9 +12,6 @@ import pytest
 from helpers.cloud_files import check_refused, columns, copied, every_third, verdict
 
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEADER = """# .PCD v0.7 - Point Cloud Data file format
 # a comment of its own

@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """PLY: comments, other elements and their lists are kept, in text and both byte orders."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.cloud_files import check_refused, columns, copied, every_third, verdict
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEADER = """ply
 format {form} 1.0

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which columns of a file are coordinates, time and scan lines."""
 
-from __future__ import annotations
-
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -19,10 +19,6 @@ from lidar_outlier_filter.files import points as scan
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 
 def table(folder: Path, text: str) -> Path:

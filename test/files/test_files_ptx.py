@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """PTX: the grids of all scans stay whole, lines keep their bytes, poses put them together."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ from helpers.cloud_files import check_refused, columns, copied, every_third
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 # The second scan stands at (100, 200, 3) and looks along y: its x is y, its y is -x.
 POSES = (

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """SQLite: the database is copied whole, and the verdict is a table of its own."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +14,6 @@ from helpers.cloud_files import columns, copied, verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 COUNT = 30
 

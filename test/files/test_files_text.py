@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text tables: every byte of every row is kept, whatever the separator."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ from helpers.cloud_files import columns, copied, verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TABLE = (
     b'x,y,"z, metres",remark,stop\n'

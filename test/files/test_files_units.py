@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """LAS and LAZ files in feet are judged in metres, and reported; copies stay in feet."""
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

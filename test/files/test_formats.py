@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every format promises: bytes, order and types are kept; headers are not trusted."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ from helpers.hostile import COUNT, FORMATS, whole_file
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 EXACT = [kind for kind in FORMATS if kind not in {'laz', 'pcd binary_compressed', 'e57', 'db'}]
 MODULES = ('rows', 'las', 'e57', 'parquet', 'sqlite')

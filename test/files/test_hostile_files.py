@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Headers that lie and small files that unpack to large ones are refused, or read in pieces."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import subprocess
 import sys
 import tracemalloc
+from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import laspy
 import numpy as np
@@ -24,11 +24,6 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import Change, check_points, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
 
 SOON = 5.0  # seconds
 LITTLE = 50_000_000  # bytes

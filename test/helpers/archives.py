@@ -2,24 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Archives for tests: small inputs, commands, a command that kills itself, records for pages."""
 
-from __future__ import annotations
-
 import json
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from helpers.drives import FAST, write_drive
 from lidar_outlier_filter.archive.sidecar import FAILED, ArchiveRecord, read_folder
-
-if TYPE_CHECKING:
-    import signal
-    from collections.abc import Iterable
-    from pathlib import Path
 
 SET = f'--set=chain={json.dumps(FAST["chain"])}'
 # Sends a group of processes a signal when so many tasks are done, after it has named its children:

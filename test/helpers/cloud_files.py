@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of cloud files share."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 VERDICT = ('outlier', 'outlier_score', 'outlier_detectors')
 

@@ -2,18 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds for tests: real messages made from structured arrays, and read back with plain loops."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Rows
+from lidar_outlier_filter.core.annotations import Rows
 
 SECOND = 1_000_000_000
 STAMP = 1_700_000_000 * SECOND  # nanoseconds

@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scheduler with its workers, started as users do, and a replay that sends signals."""
 
-from __future__ import annotations
-
+import signal
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING
 
 import psutil
 
 from helpers.archives import SIGNALLING
 from helpers.programs import TIMEOUT, Program
-
-if TYPE_CHECKING:
-    import signal
-    from collections.abc import Iterable, Iterator
 
 OWN = 0  # group of processes: as if all of a terminal get the signal
 

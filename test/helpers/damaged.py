@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small drive in each kind of recording, how it is damaged, and what must hold of its salvage."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -22,12 +21,7 @@ from helpers.drives import PERIOD, STRING, cdr
 from helpers.drives import content as read_content
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.replay import replay
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.recordings.replay import ReplayReport
+from lidar_outlier_filter.recordings.replay import ReplayReport, replay
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
 TOPICS = {'/lidar': CLOUD, '/text': STRING}

@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bits of the detectors, and detectors that are installed for a while."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters import filter as filter_parameters
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.core.detectors.declaration import Detector
 
 BITS = {name: one.bit for name, one in DETECTORS.items()}
 

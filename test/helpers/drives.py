@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small recordings for tests, how they are read back, and what is compared of their replays."""
 
-from __future__ import annotations
-
 import resource
+from collections.abc import Callable, Mapping
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -15,14 +15,9 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
 from helpers.clouds import SECOND, STORE, cloud, to_bytes
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 PERIOD = SECOND // 10  # between two clouds
 BEGIN = 1_750_000_000 * SECOND

@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """E57 files as libE57 writes them, and the same with other words in their XML."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pye57 import libe57
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Fields = Mapping[str, NDArray[Any]]
+Fields = Mapping[str, NDArray[Any]]
 
 PAGE, SUM = 1024, 4  # bytes of a page, and of the checksum at its end
 POLYNOMIAL = 0x82F63B78  # CRC-32C

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strategies for clouds and files, legal and broken, and what must hold for each of them."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from contextlib import closing
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import laspy
 import lzf
@@ -24,9 +23,6 @@ from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TYPES = get_typestore(Stores.ROS2_JAZZY).types
 SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 8: 8}

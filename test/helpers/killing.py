@@ -5,24 +5,19 @@
 ``killing.py clean|replay INPUT FOLDER COUNT`` prints what was found, a line for each kill.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from time import perf_counter, sleep
-from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 IMPORTED = Chain  # with all that it needs, before the first fork
 VALUES: dict[str, object] = {'chain': ('alpha_beta_gamma',), 'threads': 1}

@@ -2,24 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings for tests whose truth is known: small ones made by hand, and answers to them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_lab.simulation.world.recording import to_message
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 CLOUD, STRING = 'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/String'
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small clouds with all that makes neighbours hard to find, for the tests of LOF and SOR."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from lidar_outlier_filter.core.annotations import Floats
 
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Rng = np.random.Generator
+Rng = np.random.Generator
 
 COUNT = 160
 UTM = np.array([389_512.25, 5_819_204.5, 34.125])

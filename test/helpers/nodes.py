@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes inside the process of a test: the filter, a client that sets parameters, and a sensor."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -18,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
@@ -27,16 +27,10 @@ from helpers.programs import TIMEOUT
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.health import Backlog, Health
 from lidar_outlier_filter.ros.node import OutlierFilterNode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rclpy.subscription import Subscription
-
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-    from lidar_outlier_filter.ros.channel import Channel
 
 
 def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[SplitCloud]:

@@ -2,17 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds that come faster than they are judged."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from sensor_msgs.msg import PointCloud2
 
 from helpers.nodes import Ros, Sensor, line
-
-if TYPE_CHECKING:
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.ros.node import OutlierFilterNode
-
+from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
 SHORT = {

@@ -2,16 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Turns of a sensor with 16 rings above a flat road, far walls, and a vehicle on its left front."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from helpers.clouds import SECOND, STAMP
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Rows
+from lidar_outlier_filter.core.annotations import Rows
 
 RINGS, COLUMNS = 16, 360
 ROW = np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4'), ('ring', 'u2'), ('own', 'u1')])

@@ -2,17 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A profile scanner on a vehicle in a street: clouds in two frames, truth, odometry, bags."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud
 from helpers.drives import topic_of
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -21,15 +24,6 @@ from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.tuning.training import Training, read_training
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 MAP = np.array([4e5, 5e6, 100.0])  # where the street is
 LINES, SHOTS = 100, 720  # a second; a line

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes that tests start, and whose lines are awaited."""
 
-from __future__ import annotations
-
 import os
 import queue
 import signal
@@ -11,13 +9,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-    from typing import Self
+from pathlib import Path
+from typing import Self
 
 # Seconds until what a test waits for is given up; reached in failures only. Kernels take minutes
 # to compile beside other work. A little less than the time-out of a test: that says where it was.

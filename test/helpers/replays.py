@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings, and the answers of a replay."""
 
-from __future__ import annotations
-
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -17,11 +17,7 @@ from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, topic_of
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    Content = dict[str, list[tuple[int, bytes]]]
+Content = dict[str, list[tuple[int, bytes]]]
 
 REAL = [
     'cloudini_lidar_link_mcap',

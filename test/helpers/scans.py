@@ -2,24 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What sensors scan: sweeps of one that spins, drives of a profile scanner; their scan patterns."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
 from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_groups
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 TURN_NS = 100_000_000  # ten turns a second
 RATE = -2 * np.pi / TURN_NS  # rad/ns: clockwise

@@ -2,20 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds of hard shapes, as sensors, maps and broken drivers may give, and a street beside."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.points import Points
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Rng = np.random.Generator
+Rng = np.random.Generator
 
 GRID = 1024.0  # parts of a metre: coordinates that are whole in them are exact in any map
 UTM = (691_000.0, 5_334_000.0, 520.0)  # metres: east, north and up, of Munich

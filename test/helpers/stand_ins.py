@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated recordings in the layouts of the makers' drivers, for machines without real ones."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
@@ -14,18 +14,13 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from helpers.clouds import NAME, STORE, cloud, to_bytes
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_lab.simulation.scenes.spinning_streets import plan, rings
 from lidar_outlier_lab.simulation.world.drive import simulate
 from lidar_outlier_lab.simulation.world.recording import messages
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
-
-    Lay = Callable[[Rows, int, SpinningScanner], bytes]  # points, nanoseconds of the first shot
+Lay = Callable[[Rows, int, SpinningScanner], bytes]
 
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 TURN = 100_000_000  # nanoseconds

@@ -2,22 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """A store that speaks S3, on this machine, for the tests of archives."""
 
-from __future__ import annotations
-
 import logging
 import re
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 import boto3
 import fsspec
 import pytest
 from moto.server import ThreadedMotoServer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SETTINGS = {
     'AWS_ACCESS_KEY_ID': 'tests',

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distributions of others, installed into a folder of their own."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -2,25 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams of tagged points, and what a census of them counts."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from lidar_outlier_filter.core.engine.blocks import Blocks
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.errors import JudgingError
-
 
 BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds
 

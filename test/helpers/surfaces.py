@@ -2,21 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points on surfaces, with noise along their normals, for the tests of the quadric detector."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from lidar_outlier_filter.core.annotations import Floats
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Rng = np.random.Generator
-    Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each
+Rng = np.random.Generator
+Surface = tuple[Floats, Floats]
 
 NOISE = 0.008  # metres
 

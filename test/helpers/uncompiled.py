@@ -8,19 +8,15 @@ called it writes, one on a line. Nothing is compiled: that takes far longer than
 little.
 """
 
-from __future__ import annotations
-
 import pkgutil
 import sys
 import warnings
+from collections.abc import Callable, Iterator
 from functools import wraps
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 known: set[str] = set()
 called: set[str] = set()

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node that is a process, a sensor that sends it clouds at 10 Hz, and all that it says."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -11,8 +9,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 import rclpy
@@ -23,10 +23,6 @@ from sensor_msgs.msg import PointCloud2
 from helpers import ROOT
 from helpers.clouds import STAMP, cloud, table
 from helpers.live import KEEP_ALL
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
 
 PERIOD = 0.1  # seconds between two clouds
 RINGS, COLUMNS = 16, 256

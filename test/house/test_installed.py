@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A detector that another distribution brings: it is installed, and every command has it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -12,8 +10,9 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,20 +36,15 @@ from helpers.watching import RELIABLE
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.parameters.declaration import Section, declare
+from lidar_outlier_filter.parameters.declaration import Installed, Section, declare
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.bags import Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.parameters.declaration import Installed
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128

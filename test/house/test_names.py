@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names are those of the field; names that were replaced do not come back."""
 
-from __future__ import annotations
-
 import io
 import tokenize
 

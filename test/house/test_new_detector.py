@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A detector with all that can be declared: it is known everywhere."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +14,14 @@ from helpers.detectors import BITS, added
 from helpers.strangers import EXAMPLE
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.declaration import Detector, resolve
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import EXTRA
 from lidar_outlier_filter.errors import ParameterError
@@ -27,14 +29,6 @@ from lidar_outlier_filter.parameters.declaration import Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, write_yaml
 from lidar_outlier_filter.report.page import colour
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 BIT = 128
 

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The package as a whole: what it says of itself, and what colcon makes of it."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from catkin_pkg.package import parse_package
@@ -18,10 +18,6 @@ from helpers import ROOT, TESTS
 
 import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The promises of the house, from message to message: what users can rely on."""
 
-from __future__ import annotations
-
 import copy
 import weakref
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,17 +26,12 @@ from helpers.clouds import (
 from helpers.nodes import line
 from rosbags.highlevel import AnyReader
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, plain_rows, structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
 DEFAULT: dict[str, object] = {'chain': FilterParameters().chain}

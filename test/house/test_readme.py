@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The README and the pages of ``doc/`` name what exists, and nothing else."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers import ROOT
@@ -16,9 +14,6 @@ from helpers.detectors import BITS
 from lidar_outlier_filter.cli.main import commands_for
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 README = ROOT / 'README.md'
 TABLES = ROOT / 'doc' / 'results'  # written by commands, and tested there

@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """scripts/environment and .ci/run, with a Python that only writes down what is asked of it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 # Says yes to every question, makes an environment by copying itself, and installs nothing.
 PYTHON = """#!/bin/bash

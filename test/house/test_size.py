@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The size of the project stays within its limits."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

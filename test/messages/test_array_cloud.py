@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Structured arrays go the way of a PointCloud2, and come back as arrays, byte for byte."""
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Iterable
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, cut, drive
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import SCORE_FIELDS
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
-from lidar_outlier_filter.pipeline.pipeline import Pipeline
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from lidar_outlier_filter.core.annotations import Rows
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
 # All that a dtype of numpy may hold: padding, subarrays, texts, times, nested fields, half floats.

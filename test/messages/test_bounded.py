@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is kept of what was sent is bounded, whatever is sent: names, layouts, reasons, frames."""
 
-from __future__ import annotations
-
 import copy
 import tracemalloc
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
-from helpers.nodes import NO_CLOUD, hold_up, line, wait_for_kernels, wait_for_thread
+from helpers.nodes import NO_CLOUD, Ros, hold_up, line, wait_for_kernels, wait_for_thread
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import LONGEST, CloudError
 from lidar_outlier_filter.messages.cloud import MAX_LAYOUTS
@@ -18,11 +16,6 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
 from lidar_outlier_filter.pipeline.statistics import MAX_REASONS, OTHER_REASONS, CountsByReason
-
-if TYPE_CHECKING:
-    from helpers.nodes import Ros
-    from sensor_msgs.msg import PointCloud2
-
 
 LONG = 300_000  # characters of a name
 

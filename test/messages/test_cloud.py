@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cloud codec: any layout is read without a copy, and split byte for byte."""
 
-from __future__ import annotations
-
 import copy
 import re
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,14 +22,10 @@ from helpers.clouds import (
 )
 from sensor_msgs.msg import PointCloud2, PointField
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import first_numbers, split, structured
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
 

@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The decoder: every maker's time and lines are found, and what cannot be true is refused."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.clouds import SECOND, STAMP, cloud, table
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points.points import (
     LINE_NAMES,
     TIME_NAMES,
+    Points,
     guess_unit,
     to_nanoseconds,
 )
@@ -22,11 +22,6 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
-
-if TYPE_CHECKING:
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.core.points.points import Points
 
 CONFIG = ROOT / 'config'
 COUNT = 1000

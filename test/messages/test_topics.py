@@ -2,15 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the topics of a node are subscribed to and advertised."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
+from helpers.nodes import Ros
 from rclpy.qos import ReliabilityPolicy
-
-if TYPE_CHECKING:
-    from helpers.nodes import Ros
 
 MOVING = {'motion.source': 'odometry', 'motion.topic': 'odom'}
 

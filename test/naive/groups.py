@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Groups by plain loops: cells that touch, also at a corner, are one."""
 
-from __future__ import annotations
-
 from itertools import product
 from math import floor
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filters for surveys of others, in plain loops."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 Position = tuple[float, float, float]

@@ -2,15 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which points are on the own vehicle, point by point; cells are (ring, column): (near, far)."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    Cells = Mapping[tuple[int, int], tuple[float, float]]
+Cells = Mapping[tuple[int, int], tuple[float, float]]
 
 
 def covered(

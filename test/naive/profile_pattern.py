@@ -5,21 +5,15 @@
 Where the scanner was, predictions by pairs, free groups.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import product
 from statistics import mean, median
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from naive.scan_pattern import nearest
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from naive.scan_pattern import Point, Ring
+from naive.scan_pattern import Point, Ring, nearest
 
 LARGE, SMALLEST, MAX_FEATURE = 40, 6, 1000.0
 Cell = tuple[int, int]  # of a return: its line, and its cell there

@@ -6,8 +6,6 @@ Each function takes the measures of a surface, then the ray's origin and directi
 returns the distance and the cosine of the angle of incidence.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import product
 

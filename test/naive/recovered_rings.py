@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where beams leave a spinning sensor, and peaks of a histogram, in plain loops."""
 
-from __future__ import annotations
-
 import math
 
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scan pattern of a spinning sensor and its features in plain loops, one point at a time."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from statistics import median

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The features of clouds without scan lines in plain loops, one point at a time."""
 
-from __future__ import annotations
-
 import math
 from statistics import median
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive hierarchical outlier detection against numbers worked out by hand."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import pytest

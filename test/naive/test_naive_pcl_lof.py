@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive PCL-LOFFilter against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from naive import pcl_lof as naive

@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive twin of the quadric detector gives the numbers that are worked out by hand."""
 
-from __future__ import annotations
-
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 from scipy.stats import t
 
 from naive import quadric as naive
 from naive.quadric import Fit, Frame, Growth, Rules
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 ROOT2 = sqrt(2)
 H = 0.1

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive ray caster against distances and angles found by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -5,11 +5,11 @@
 No alias, no depth and no length of their texts costs time or memory.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Mapping
+from pathlib import Path
 from time import process_time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import Parameter
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import (
     LARGEST_FILE,
@@ -30,12 +31,6 @@ from lidar_outlier_filter.parameters.yaml_files import (
     write_yaml,
 )
 from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from lidar_outlier_filter.parameters.declaration import Parameter
 
 CONFIG = ROOT / 'config'
 FILES = sorted(CONFIG.rglob('*.yaml'))

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels are compiled beside, in processes, and only what is compiled is used where asked."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The door of the library: its names, and what their docstrings say and show."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import tomllib
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 from helpers import ROOT
@@ -19,9 +17,6 @@ from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, so
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.boosted_trees import methods as boosted_trees
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, boosted_trees)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))

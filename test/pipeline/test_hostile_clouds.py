@@ -5,9 +5,8 @@
 The numbers are small here.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.hostile import (
@@ -23,9 +22,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.files import cloud_file
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FEW = settings(
     max_examples=60, deadline=None, database=None, suppress_health_check=list(HealthCheck)

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The library: numpy in, numpy out, and the same verdict as on every other way."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, drive, to_rosbags
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import (
     CloudError,
@@ -19,14 +19,9 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
+from lidar_outlier_filter.core.annotations import Floats, Rows
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.core.annotations import Floats, Rows
 
 # Recorded clouds carry them: they never change.
 BITS = {

@@ -2,32 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A profile scanner in its own frame is filtered as well as its georeferenced twin."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
+from helpers.nodes import Ros
 from helpers.profile_scanner import SHOTS, SOR, Drive, Moving, rejected, seconds
 from helpers.scans import sweep
+from nav_msgs.msg import Odometry as OdometryMessage
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from helpers.nodes import Ros
-    from nav_msgs.msg import Odometry as OdometryMessage
-    from numpy.typing import NDArray
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
 
 
 def still(

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The own vehicle on its way: out of the cleaned clouds, and out of the detectors' sight."""
 
-from __future__ import annotations
-
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from helpers.clouds import cloud, point_bytes
 from helpers.own_vehicle import stamp, turn
 
 from lidar_outlier_filter import CloudError, CloudFilter, ParameterError, detect_outliers
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.mask import MaskLearner, as_text
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
@@ -20,11 +20,6 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.declaration import MASKED, MASKED_REASON
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 CHAINS = [['boosted_trees'], ['sor'], ['sor', 'lof'], ['alpha_beta_gamma']]
 

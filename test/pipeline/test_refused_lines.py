@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cloud that is refused after it was decoded begins no scan line."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.nodes import line
 

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a sensor sees: fog of a known visibility, dirt on a sector, and a clean street."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.node import HealthLimits
@@ -22,9 +20,6 @@ from lidar_outlier_filter.pipeline.visibility import (
     SensorView,
     SensorWatch,
 )
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 LIMITS = HealthLimits()
 WEAKEST = 1.2e-5  # echo that is detected, as reflectance ÷ m²

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings: nothing of the input is lost or changed, and no half output is left."""
 
-from __future__ import annotations
-
 import sqlite3
 from dataclasses import astuple
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -14,6 +13,7 @@ from mcap.reader import SeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
+    Connection,
     Qos,
     QosDurability,
     QosHistory,
@@ -27,11 +27,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from rosbags.interfaces import Connection
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 CLOUD = 'sensor_msgs/msg/PointCloud2'

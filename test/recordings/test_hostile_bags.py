@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings that lie about their messages, their index and their size; files that are pipes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct
 import tracemalloc
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
@@ -18,9 +17,6 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.salvage import salvaged
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs that would run, lead elsewhere or garble a terminal: names, words and metadata."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

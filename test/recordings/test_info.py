@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output of ``info``: it agrees with the sensor's maker and with a replay."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,10 +21,7 @@ from lidar_outlier_filter.recordings.info import describe_recording, scan_geomet
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.replay import replay
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 STRING = 'std_msgs/msg/String'

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mask from a recording, and back into a replay."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,9 +22,6 @@ from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.own_vehicle import learn_mask
 from lidar_outlier_filter.recordings.replay import replay
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TURNS = 14
 

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replay: every cloud is filtered, and everything else is copied unchanged."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,10 +25,7 @@ from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import replay
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    Content = dict[str, list[tuple[int, bytes]]]
+Content = dict[str, list[tuple[int, bytes]]]
 
 
 @pytest.mark.parametrize('name', REAL)

@@ -2,14 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged recordings: the readable part is filtered as before, and losses are counted."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import struct
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.damaged import (
@@ -17,6 +14,7 @@ from helpers.damaged import (
     FAST,
     KINDS,
     TOPICS,
+    Content,
     Damage,
     check,
     content,
@@ -33,9 +31,6 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.recordings.salvage import MAX_REASONS, Losses
-
-if TYPE_CHECKING:
-    from helpers.damaged import Content
 
 PACKED = 'folder file'  # which must be unpacked before it is salvaged
 

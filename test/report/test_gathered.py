@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The data of a report: counts are those of replays, points are unpacked as they were packed."""
 
-from __future__ import annotations
-
 import base64
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import accumulate, pairwise
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import steps, worst
 from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, SharedInputs, features
-from lidar_outlier_filter.report.gather import gather
+from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
 from lidar_outlier_filter.report.points import SCORE_UNIT, UNTESTED, reason_numbers
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
@@ -48,12 +48,6 @@ from lidar_outlier_filter.report.steps import (
 )
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from lidar_outlier_filter.report.gather import Gathered
 
 MAX_POINTS = 10**6
 PAIR = ['sor', 'alpha_beta_gamma']

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a page keeps of a node's clouds: the last seconds, thinned, the rejected first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.report_pages import positions, read_message

@@ -2,25 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What viewers are said to show is what the node publishes."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 from helpers import ROOT
 from helpers.detectors import BITS
-from helpers.nodes import PLOTTED, flush, line, process
+from helpers.nodes import PLOTTED, Ros, flush, line, process
 
 from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
-
-if TYPE_CHECKING:
-    from helpers.nodes import Ros
 
 CONFIG = ROOT / 'config'
 

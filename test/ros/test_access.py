@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a page sets in a node, from a thread that is not the executor's."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pytest
+from helpers.nodes import Ros
 from helpers.programs import TIMEOUT
 
 from lidar_outlier_filter.ros import live_parameters
 from lidar_outlier_filter.ros.live_parameters import NodeAccess
-
-if TYPE_CHECKING:
-    import pytest
-    from helpers.nodes import Ros
 
 NAME = 'gap_factor'
 LATE = 'the node must answer within 0.01 s, got nothing'

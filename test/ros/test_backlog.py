@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What waits is bounded and stays in order; what is too much is met as the policy says."""
 
-from __future__ import annotations
-
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from lidar_outlier_filter.parameters.node import LoadParameters
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.DEGRADE, Treatment.PASS, Treatment.DROP
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds as they were received: the same as rclpy reads them, without a copy of the points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.clouds import NAME, STORE, cloud, table

@@ -2,23 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated time: a clock that is slow, that jumps, that stops, and that is another."""
 
-from __future__ import annotations
-
 import time
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.clouds import SECOND, STAMP
 from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from lidar_outlier_filter.ros.backlog import Received
-
-if TYPE_CHECKING:
-    from rclpy.publisher import Publisher
-
-    from lidar_outlier_filter.ros.node import OutlierFilterNode
+from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Chain that says the outlier of 10 ms of a line that is alone.
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')

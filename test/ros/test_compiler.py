@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters wait for their kernels beside the filter, and those that are wanted last win."""
 
-from __future__ import annotations
-
 import queue
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import pytest
 from helpers.programs import TIMEOUT
@@ -16,9 +14,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.ros import compiler
 from lidar_outlier_filter.ros.compiler import Compiler
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 FIRST, SECOND, THIRD, FOURTH = (
     FilterParameters().changed({'chain': (name,)})

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node says of itself, and what it does only where somebody listens."""
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from helpers.clouds import SECOND
 from helpers.nodes import (
     PLOTTED,
+    Diagnosis,
     Ros,
     Sensor,
     broken,
@@ -31,9 +29,6 @@ from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.pipeline.visibility import VIEWED
 from lidar_outlier_filter.ros.health import ERROR, OK, WARN
-
-if TYPE_CHECKING:
-    from helpers.nodes import Diagnosis
 
 
 def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a node: all that was received is answered first, whichever thread runs when."""
 
-from __future__ import annotations
-
 import sys
 import threading
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.nodes import Ros, hold_up, line
@@ -14,8 +11,7 @@ from helpers.overload import answers, send, start
 from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
-if TYPE_CHECKING:
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 
 def test_large_clouds_at_the_end(ros: Ros) -> None:

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node as a process among others: live clouds over DDS, signals, exit statuses."""
 
-from __future__ import annotations
-
 import re
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import rclpy
@@ -29,10 +26,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.kernels.threads import cores
+from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 TOPIC = '/velodyne_points'
 ANSWERS = ('cleaned', 'outliers')

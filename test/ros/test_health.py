@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a look at the health of a topic finds, with numbers worked out by hand."""
 
-from __future__ import annotations
-
 from collections import Counter
 from xml.etree import ElementTree as ET
 

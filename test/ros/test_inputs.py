@@ -2,21 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several sensors: one process that serves them all, each as a stream of its own."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import pytest
 from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
 from helpers.programs import TIMEOUT
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros.health import WARN
-
-if TYPE_CHECKING:
-    from sensor_msgs.msg import PointCloud2
 
 BOTH = {
     'inputs': ['/left/points', 'right'],

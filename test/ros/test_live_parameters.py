@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning while clouds flow: what is set, saved, put back, and switched off and on again."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.nodes import (
@@ -19,14 +17,10 @@ from helpers.nodes import (
 )
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric, Sor
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sensor_msgs.msg import PointCloud2
 
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 

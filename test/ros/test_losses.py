@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The warning about clouds that were not filtered as asked."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

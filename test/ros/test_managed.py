@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The managed node, driven through its services with the real middleware."""
 
-from __future__ import annotations
-
 import signal
 
 import pytest

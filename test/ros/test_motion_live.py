@@ -2,25 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion in the node and in a replay: odometry over the middleware, and out of a recording."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.clouds import SECOND
 from helpers.nodes import Ros, Sensor, hold_up, wait_for_thread
 from helpers.profile_scanner import MOVING, REPLAYED, Drive, Moving, nanoseconds, rejected, write
 from nav_msgs.msg import Odometry
+from rclpy.publisher import Publisher
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.replay import replay
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from rclpy.publisher import Publisher
-
-    from lidar_outlier_filter.ros.node import OutlierFilterNode
+from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 
 def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, Publisher]:

@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The namespaces of a launch: each process has topics of its own, or the launch is refused."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros.executable import split_files, split_namespaces
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node inside this process, with the real rclpy and the real middleware."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.clouds import SECOND
@@ -23,15 +20,13 @@ from helpers.nodes import (
     wait_for_kernels,
     wait_for_thread,
 )
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros import node as node_module
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
-
-if TYPE_CHECKING:
-    from sensor_msgs.msg import PointCloud2
 
 # The default rejects next to nothing of a clean recording.
 STRICT = {'boosted_trees.threshold': 0.5}

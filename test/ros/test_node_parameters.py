@@ -2,25 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the node: declared, set through its services, and read from files."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers import ROOT
-from helpers.nodes import values
+from helpers.nodes import Ros, values
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import describe
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.nodes import Ros
-
 
 # Windows that are as small as order 1 allows.
 LINEAR = {

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node that is given more than it can filter, with the real middleware."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.nodes import Ros, hold_up, line, wait_for_thread
@@ -14,11 +12,7 @@ from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
 from lidar_outlier_filter.ros.backlog import Treatment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.ros.node import OutlierFilterNode
+from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 
 @contextmanager

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What SIGINT and SIGTERM do to the node: the first lets it finish, the second does not."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts while kernels are compiled, and another chain while clouds come: no cloud is lost."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.live import environment
@@ -14,9 +12,6 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.health import OK, WARN
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 # The chain that compiles fastest, and one that takes over from it.
 FIRST, SECOND = 'alpha_beta_gamma', 'sor'

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion by tf: which points are moved, and where to."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +17,7 @@ from lidar_outlier_filter.core.points.poses import KEPT, Track
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.ros.tf import MAX_FRAMES, MAX_NAME, Tf
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    Pose = tuple[float, ...]
+Pose = tuple[float, ...]
 
 MOUNTED = (1.0, 0.0, 2.0, *turned(90))
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Injected outliers: as many and as far as said, of both classes, seeded, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

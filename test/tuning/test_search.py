@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search: what it finds is nearly the best there is, and what it promises comes true."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,7 +11,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.output import whole
+from lidar_outlier_filter.tuning.output import Tuned, whole
 from lidar_outlier_filter.tuning.search import (
     fold_of_each,
     middle_of_best,
@@ -24,9 +21,6 @@ from lidar_outlier_filter.tuning.search import (
 )
 from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.tuning.output import Tuned
 
 Tried = dict[str, list[object]]
 

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of what can be tuned: complete, consistent, and true of the detectors themselves."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.chain import Chain
@@ -16,11 +15,6 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.tuning.search import levels
 from lidar_outlier_filter.tuning.search_space import searches
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 PARAMETERS = {item.name: item for item in describe()}
 SMOOTHER = FilterParameters().changed({'chain': ['alpha_beta_gamma']})

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tuner learns from: the verdicts are the node's own, and the truth belongs to them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.labelled import POINT, write
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.detectors import sor
@@ -22,11 +21,6 @@ from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection
 from lidar_outlier_filter.tuning.training import read_training, together
 from lidar_outlier_lab.simulation.world.recording import to_message
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 DEFAULTS = FilterParameters()
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command tune: files that the node loads, lines that it takes, and what is refused."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re
@@ -11,12 +9,14 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from helpers.labelled import POINT, write
+from helpers.nodes import Ros
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
@@ -29,13 +29,7 @@ from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.methods import SMOOTHER as PAPER
 from lidar_outlier_lab.simulation.world.recording import to_message
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.nodes import Ros
-    from numpy.typing import NDArray
-
-    Capture = pytest.CaptureFixture[str]
+Capture = pytest.CaptureFixture[str]
 
 SMOOTHER = ['--set', 'chain=[alpha_beta_gamma]']
 SETTINGS = [

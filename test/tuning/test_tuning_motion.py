@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tuner learns from points that are moved as the filter moves them."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,9 +32,6 @@ from lidar_outlier_filter.pipeline.topics import resolve
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection
 from lidar_outlier_filter.tuning.training import together
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture(scope='module')

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Progress
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
 from lidar_outlier_filter.evaluation.report import percent
@@ -18,14 +21,7 @@ from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers.methods import METHODS, NONE_OF_ITS_PRESETS, count
 from lidar_outlier_lab.results.papers.panels import PointPanel, draw, draw_lines, view
 from lidar_outlier_lab.results.papers.published import KANG
-from lidar_outlier_lab.results.samples import simulated
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Progress
-    from lidar_outlier_lab.results.samples import Sample
+from lidar_outlier_lab.results.samples import Sample, simulated
 
 
 class Reading(NamedTuple):

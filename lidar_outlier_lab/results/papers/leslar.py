@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables 1 to 5 and figure 3 of Leslar, Wang and Hu (2010), and ours beside them."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Progress
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -25,20 +26,9 @@ from lidar_outlier_lab.results.papers.methods import (
     count,
 )
 from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
-from lidar_outlier_lab.results.samples import simulated
+from lidar_outlier_lab.results.samples import Sample, simulated
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Progress
-
-    Table = Mapping[str, Sequence[Counted]]  # by the name of a form; of A, B and C
-    from collections.abc import Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-    from lidar_outlier_lab.results.samples import Sample
-
+Table = Mapping[str, Sequence[Counted]]
 
 CLOUDS = ('leslar-a', 'leslar-b', 'leslar-c')
 TITLES = {

@@ -5,25 +5,18 @@
 What a paper leaves open is chosen here, and its page under ``doc/papers`` says so.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.core.annotations import Bools
-    from lidar_outlier_lab.results.samples import Sample
-
+from lidar_outlier_lab.results.samples import Sample
 
 # The smoother as in Leslar, Wang and Hu (2010): each point is tested once, in a window around it.
 SMOOTHER: Mapping[str, object] = MappingProxyType(

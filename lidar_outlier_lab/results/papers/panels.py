@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of points in panels side by side, and of range images, as the papers have them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from matplotlib.axes import Axes
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-
-    Limits = tuple[tuple[float, float], tuple[float, float]]  # of x and of y
+Limits = tuple[tuple[float, float], tuple[float, float]]
 
 WIDTH, DPI = 14.0, 90  # inches; dots per inch
 COLOURS = 64  # of the palette: keeps the file small

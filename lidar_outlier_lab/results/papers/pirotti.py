@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables 1 and 2, figures 6 to 8 of Pirotti et al. (2018): a cloud from images."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from scipy.special import poch
 
+from lidar_outlier_filter.core.annotations import Floats, Progress
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Cause
@@ -21,20 +22,13 @@ from lidar_outlier_lab.results.papers.roc import (
     CLOSE,
     NEIGHBOURS,
     STATISTICS,
+    AtBest,
     Found,
     explore,
     measure_pcl,
     statistics,
 )
 from lidar_outlier_lab.simulation.papers import aerial
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats, Progress
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_lab.results.papers.roc import AtBest
 
 LAWS: Mapping[str, aerial.Law] = {
     'uniform': aerial.uniform,

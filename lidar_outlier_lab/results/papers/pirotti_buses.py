@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures 9 and 10 of Pirotti et al. (2018): tracks of buses, easy ones and ones as hard as his."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Cause
@@ -21,11 +20,6 @@ from lidar_outlier_lab.results.papers.roc import (
     statistics,
 )
 from lidar_outlier_lab.simulation.papers import bus_tracks
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 OFF = 'off the line'
 

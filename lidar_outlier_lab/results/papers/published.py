@@ -2,15 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the papers print, number for number, slips included."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from lidar_outlier_filter.evaluation.confusion import Confusion
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 # Leslar, Wang and Hu (2010) ---------------------------------------------------------------------
 

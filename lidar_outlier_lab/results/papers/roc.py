@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of the neighbourhood, judged as by Pirotti et al. (2018): by their ROC curves."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
 from lidar_outlier_filter.core.kernels.kernels import kernel
@@ -17,14 +17,7 @@ from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.evaluation.truth import Cause
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats
-
-    Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
-    from lidar_outlier_filter.core.annotations import Floats, Index
-
+Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 
 STATISTICS = ('SOR', 'SOR2', 'LOF', 'LOF2')
 CLOSE = 0.001  # false rejections at which statistics are compared; the paper has none to name

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table 1 and figures 2 and 4 of Sotoodeh (2007), and ours beside them."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
@@ -25,16 +27,7 @@ from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import panels, published
 from lidar_outlier_lab.results.papers.panels import draw, view
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters, tripod
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
-    from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
-
+from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
 PAPER = Hierarchical()  # 99 % and 95 %, 100 points: the paper's, the last for its scans only
 MIN_CLUSTERS = (10, 20, 50, 100, 150)  # points of a cluster that stays

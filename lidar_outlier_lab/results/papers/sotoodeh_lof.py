@@ -2,30 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables 1 to 3 and figures 3 to 5 of Sotoodeh (2006), and ours beside them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
 from lidar_outlier_filter.core.detectors import lof
 from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.evaluation.confusion import confusion
+from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import published
 from lidar_outlier_lab.results.papers.panels import GreyImage, Layer, PointPanel, draw, draw_images
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
-    from lidar_outlier_filter.evaluation.confusion import Confusion
-
 
 FACTOR = 1.2
 NEIGHBOUR_COUNTS = (10, 20, 50)  # neighbours

@@ -5,31 +5,23 @@
 Each is one message, all of it of one instant (t = 0), so that a filter judges it as a whole.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
-from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
+from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 from lidar_outlier_lab.simulation.world.recording import START, Cloud
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.landscape import Landscape
-
-    # How far outliers are moved: a draw from low to high, metres.
-    Law = Callable[[np.random.Generator, float, float], float]
+Law = Callable[[np.random.Generator, float, float], float]
 
 MATCHED = np.dtype([*FIRST, *TRUTH])
 SCANNED = np.dtype([*FIRST, ('gps_time', '<f8'), ('line', '<u4'), *TRUTH])

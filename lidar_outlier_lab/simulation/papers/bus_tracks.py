@@ -7,26 +7,19 @@ are in metres, z being 0, or the speed in km/h. Outliers are positions that are 
 thrown far by a reflection of the satellite's signal, or driven on a detour, some of them parked.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.recording import START, Cloud
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-
 
 POSITION = np.dtype([*FIRST, ('second', '<u4'), *TRUTH])
 BLOCK = 90.0  # metres between the streets of a city in squares

@@ -6,22 +6,15 @@ More shots are disturbed than are needed. Of these, some are chosen by lot; the 
 they would have measured undisturbed.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.world.drive import Block, Returns, cast, merge
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_lab.simulation.world.drive import Drive
+from lidar_outlier_lab.simulation.world.drive import Block, Drive, Returns, cast, merge
 
 
 def gather(

@@ -8,22 +8,16 @@ Rays without echo leave holes. The outliers are 36 single points and three clust
 far from both, and 4 single points and a cluster of 5 near to one.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.recording import START, Cloud
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-
 
 GOOD, STRAY, CLUSTERS, NEAR_STRAY, NEAR_CLUSTER = 572, 36, (13, 13, 13), 4, 5
 FAR = (0.8, np.inf)  # metres from the nearest good point

@@ -7,23 +7,16 @@ distances from a surface that was made from images. Such a surface smooths edges
 so most of these points are leaves and branches below the crowns, and walls.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
-from lidar_outlier_lab.simulation.world.landscape import Plants
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_lab.simulation.world.landscape import Landscape
-
+from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants
 
 # 115 820 points in the paper, σ = 0.22 m; half of the shots into trees go in, 2.5 m on average.
 CITY = Flight(340, 341, 0.8, 380.0, 0.01, Plants(75, 420, tall=(6.0, 18.0), wide=(2.0, 4.5)), 0)

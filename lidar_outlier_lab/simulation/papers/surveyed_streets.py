@@ -6,28 +6,20 @@ The scanner says the merged pulse of a silhouette by its form and gives no echo 
 scanners can: the outliers are those that the paper says of, and as many as its table counts.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
-from lidar_outlier_lab.simulation.world.recording import messages
+from lidar_outlier_lab.simulation.world.particles import Puff
+from lidar_outlier_lab.simulation.world.recording import Cloud, messages
 from lidar_outlier_lab.simulation.world.scene import Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import barrier_arm
+from lidar_outlier_lab.simulation.world.surfaces import Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from lidar_outlier_lab.simulation.world.particles import Puff
-    from lidar_outlier_lab.simulation.world.recording import Cloud
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 LONGEST = 60.0  # seconds that a drive may take to give its points
 

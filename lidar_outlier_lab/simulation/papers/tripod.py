@@ -6,30 +6,21 @@ A scan is a range image: a row for each elevation, a column for each azimuth. Po
 surfaces are where a beam meets both: at the boundaries of occlusions.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, simulate
 from lidar_outlier_lab.simulation.world.particles import ThinFall
-from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import box, ground, tube
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.scene import Air
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
-
+from lidar_outlier_lab.simulation.world.surfaces import Surface, box, ground, tube
 
 NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)
 DARK, BRIGHT = 0.08, 0.7  # reflectances

@@ -5,10 +5,7 @@
 A profile scanner drives along it, and in the snow a sensor with 32 rings that spins.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,14 +15,17 @@ from lidar_outlier_lab.simulation.scenes.spinning_streets import DRY, OPTICS, ri
 from lidar_outlier_lab.simulation.weather.drops import snow
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.particles import Fall, Puff
-from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import barrier_arm, box, building, ground, pole
+from lidar_outlier_lab.simulation.world.surfaces import (
+    Surface,
+    barrier_arm,
+    box,
+    building,
+    ground,
+    pole,
+)
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from lidar_outlier_lab.simulation.world.scene import Air
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 HALF_ROAD = 5.0  # metres from the middle of the road to its kerbs
 KERB = 0.12  # height of kerbs and sidewalks, metres

@@ -2,25 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streets seen by profile scanners of many kinds, to train on: no two have the same measures."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
 from lidar_outlier_lab.simulation.world.particles import ThinFall
-from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import barrier_arm
+from lidar_outlier_lab.simulation.world.surfaces import Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
-
-if TYPE_CHECKING:
-    from lidar_outlier_lab.simulation.world.scene import Air
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
-
 
 STREAM = 1701  # of random numbers, which no preset uses
 SHOTS = 150_000  # about: four of five have an echo

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streets drawn by lot: houses, kerbs, parked cars, poles, manholes, trees, and who is about."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.surfaces import (
+    Surface,
     ball,
     box,
     building,
@@ -19,13 +20,6 @@ from lidar_outlier_lab.simulation.world.surfaces import (
     pole,
     tube,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy as np
-
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 KERB_WIDTH = 0.15
 DEEP = 60.0  # metres from the road to where a block of houses ends

@@ -7,10 +7,8 @@ that a stated share of the points are outliers; mixed pixels, ghosts and birds a
 scene makes.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,21 +24,14 @@ from lidar_outlier_lab.simulation.scenes.random_streets import (
 )
 from lidar_outlier_lab.simulation.weather.beams import Optics
 from lidar_outlier_lab.simulation.weather.drops import rain, snow
-from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
+from lidar_outlier_lab.simulation.world.drive import Block, Disturbances, Drive
 from lidar_outlier_lab.simulation.world.particles import Fall
-from lidar_outlier_lab.simulation.world.recording import messages
-from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.prisms import FreeScanner
+from lidar_outlier_lab.simulation.world.recording import Cloud, messages
+from lidar_outlier_lab.simulation.world.scene import Air, Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
+from lidar_outlier_lab.simulation.world.surfaces import Surface
 from lidar_outlier_lab.simulation.world.trajectory import Route
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from lidar_outlier_lab.simulation.world.drive import Block
-    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
-    from lidar_outlier_lab.simulation.world.recording import Cloud
-    from lidar_outlier_lab.simulation.world.scene import Air
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 
 def rings(lowest: float, highest: float, count: int) -> tuple[float, ...]:

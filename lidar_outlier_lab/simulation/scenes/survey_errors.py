@@ -6,17 +6,13 @@ Distances are multiples of the local spacing, so that the errors of dense and of
 alike hard to find.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.evaluation.truth import Cause
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 NEIGHBOUR = 8  # whose distance is the spacing
 OFF = (2.5, 1000.0)  # spacings that a point is moved off

@@ -6,13 +6,13 @@ No preset is among them: flights over towns and mountains, clouds from images, w
 from a tripod, and plain pieces of surfaces.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
@@ -20,11 +20,6 @@ from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
 from lidar_outlier_lab.simulation.papers.bus_tracks import Line, track
 from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 STREAM = 2309  # of random numbers, which no preset uses
 MAX_POINTS = 80_000  # good points of a scene, about

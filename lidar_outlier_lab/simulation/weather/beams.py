@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The beams of a spinning sensor's cloud: those that came back, and those that did not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
-
+from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 
 TURN = 2.0 * np.pi
 MIN_RING_POINTS = 16  # returns of a ring that show its angles

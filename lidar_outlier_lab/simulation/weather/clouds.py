@@ -8,43 +8,35 @@ the missing return, or gets a point of its own behind the last one of its ring; 
 then those of that point.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
-from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, to_nanoseconds
+from lidar_outlier_filter.core.annotations import Bools, Ints
+from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, Points, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import is_empty
-from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.decoder import (
+    Convention,
+    Decoder,
+)
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.replay import choose_clouds
 from lidar_outlier_lab.simulation.presets import RETURN_NAMES
 from lidar_outlier_lab.simulation.weather import echoes, kinds
-from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS, Optics, find_beams
+from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS, Beams, Optics, find_beams
+from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
 from lidar_outlier_lab.simulation.weather.labelled_cloud import FoundPoints, LabelledCloud
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-    from rosbags.typesys.store import Typestore
-
-    from lidar_outlier_filter.core.annotations import Bools, Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.messages.decoder import Convention
-    from lidar_outlier_filter.recordings.bags import Topic
-    from lidar_outlier_lab.simulation.weather.beams import Beams
-    from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
-
 
 OPTICS = Optics(aperture=0.0)  # cones from a point, as Kilic et al. (2021) have them
 SEEN = 99.0  # percent of the points that are above the noise, however dark they are

@@ -10,19 +10,13 @@ noise and, where the strongest return is asked for, above the surface's echo: so
 D₁(r), and the chance per metre of such a drop is A N0 / Λ exp(-Λ D₁).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.weather.beams import Optics
-
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_lab.simulation.weather.beams import Optics
 
 MILLIMETRE = 1e-3
 LEVELS = 64  # of the power to outshine, that chances are tabulated for

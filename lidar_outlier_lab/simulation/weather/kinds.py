@@ -7,29 +7,22 @@ surface behind them. Where their echo is stronger than what is left of the surfa
 noise, it is measured instead. The same cloud, weather and seed always give the same result.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.weather import drops, echoes, mirrors, plumes
-from lidar_outlier_lab.simulation.weather.beams import Optics
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.weather.beams import Beams
-
-    MakeWeather = Callable[['_Sweep'], BothEchoes]
-    Position = tuple[float, float]  # level, metres
-    Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
+MakeWeather = Callable[['_Sweep'], BothEchoes]
+Position = tuple[float, float]
+Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
 
 ONE_RETURN = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed

@@ -7,13 +7,13 @@ is how bright a point is compared with what is usual at its range: the median th
 the reflectance ``TYPICAL``.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.points.points import INTENSITY_NAMES, NANOSECONDS
+from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.points.points import INTENSITY_NAMES, NANOSECONDS, Points
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -23,14 +23,7 @@ from lidar_outlier_filter.messages.cloud import (
     structured,
     with_rows,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.messages.decoder import Convention
-
+from lidar_outlier_filter.messages.decoder import Convention
 
 TYPICAL = 0.25
 DARKEST, BRIGHTEST = 0.02, 2.0  # reflectances; more than 1 is what sends light straight back

@@ -2,19 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ranges that surfaces make wrong: mixed at edges, mirrored by glass and water."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-    from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
-
+from lidar_outlier_filter.core.annotations import Bools, Floats
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
 LEAST_JUMP, MOST_JUMP = 0.25, 6.0  # metres between two surfaces whose echoes merge
 LEAST_SHARE = 0.15  # of the jump, that a mixed point is away from both

@@ -14,20 +14,15 @@ Spray comes off wheels in clumps that trail behind: it is emitted there by Yang 
 2312.12772), too.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
-
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
 LATTICE = 24  # cells of the noise, until it repeats
 OCTAVES = 3

@@ -9,20 +9,13 @@ the cosine of incidence and the *part* that was met: 0 to 2, a face that is norm
 any other; ``PANE`` more for the pane of a window.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Hit = tuple[float, float, int]
+Hit = tuple[float, float, int]
 
 GROUND, BOX, BUILDING, TUBE, ARM, BALL, LID, CROWN = range(8)
 LOW, HIGH, VELOCITY, REST, WIDTH = 1, 4, 7, 10, 24

@@ -4,25 +4,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
+from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, SpinningScanner
 from lidar_outlier_lab.simulation.world.trajectory import Path, Trajectory
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
-
 
 IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
 LEVEL = 2  # the axis that is normal to a road

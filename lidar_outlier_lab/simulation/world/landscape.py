@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Country seen from the air: hills, houses and trees as heights on a grid."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.evaluation.truth import Kind
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bytes, Floats
-
-    Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
+Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]
 
 MARCH = 0.4  # metres that a ray is followed at a time before it is below something
 BLOCK = 16  # corners to a side, of the squares that a ray is led over at once

@@ -2,25 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What hangs in the air and sends rays back: clouds of droplets, rain and snow."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.weather.drops import REACH, STEPS, hazard, power
-from lidar_outlier_lab.simulation.world.scene import towards
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.weather.beams import Optics
-    from lidar_outlier_lab.simulation.weather.drops import Precipitation
-    from lidar_outlier_lab.simulation.world.scene import Rays
-
+from lidar_outlier_lab.simulation.weather.beams import Optics
+from lidar_outlier_lab.simulation.weather.drops import REACH, STEPS, Precipitation, hazard, power
+from lidar_outlier_lab.simulation.world.scene import Rays, towards
 
 TINY = 1e-12
 LEVELS = 200  # of the power to outshine, that chances are tabulated for

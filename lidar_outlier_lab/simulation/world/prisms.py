@@ -8,20 +8,15 @@ retina-like robotic lidars based on incommensurable scanning, IEEE/ASME Transact
 Mechatronics 27). The prisms of ``MID_40`` and ``L2`` are those of the simulator HELIOS++.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH, LaserScanner
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 MINUTE = 60.0  # seconds
 

@@ -6,12 +6,13 @@ The fields ``label`` and ``surface`` are the truth, codes of :class:`Cause` and 
 filter passes them through like any other field. A shot without echo leaves no point.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointCloud2 as PointCloud2
@@ -21,16 +22,8 @@ from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
-from lidar_outlier_lab.simulation.world.drive import Returns, simulate
+from lidar_outlier_lab.simulation.world.drive import Drive, Returns, simulate
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_lab.simulation.world.drive import Drive
 
 TOPIC = '/lidar/points'
 FRAME = 'map'

@@ -11,19 +11,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world import caster
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
-
+from lidar_outlier_lab.simulation.world.surfaces import Surface
 
 BUNDLE_REACH = 0.1  # metres that the rays of a bundle stay within of its centre
 

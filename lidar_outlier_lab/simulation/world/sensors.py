@@ -2,24 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated scanners: where their shots go, and what they make of what comes back."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_lab.simulation.world.scene import Hits
-
+from lidar_outlier_lab.simulation.world.scene import Hits
 
 # What every point carries; ``t`` is in nanoseconds after the header stamp, the last two are codes
 # of Cause and Kind.

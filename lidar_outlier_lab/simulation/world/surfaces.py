@@ -5,23 +5,17 @@
 Each function makes one surface from its measures in metres and radians.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Triple
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world import caster
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Floats, Triple
-
-    Point = Triple | Floats
+Point = Triple | Floats
 
 STILL = (0.0, 0.0, 0.0)
 

@@ -2,20 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a vehicle moves: along a street, through turns, over bumps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-
 
 STEP = 0.001  # seconds: grid on which speeds are summed up to positions
 SLOPE_LENGTH = 1.5  # metres from the middle to an axle: turns heights of bumps into a lean

@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast α-β-γ smoother is its naive twin, and does what is promised of it."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import residuals
@@ -21,11 +21,6 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line
 from lidar_outlier_filter.errors import ParameterError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 GAP = 1.5
 SHOT = 10_000  # nanoseconds

@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The elevation test: equal to the naive twin, and to nothing but the points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from naive import elevation as naive
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 SIDES = ('both', 'low', 'high')
 

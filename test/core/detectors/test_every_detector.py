@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Properties of every spatial detector: order, threads, frame and unit of the points."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,18 +11,14 @@ from helpers.neighbour_clouds import CLOUDS, corner, rotation, scattered
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Elevation, Hierarchical, Lof, Quadric, Sor
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Cloud = Callable[[np.random.Generator], Floats]
+Cloud = Callable[[np.random.Generator], Floats]
 
 LISTS: dict[str, Lof | Sor] = {  # those that score by lists of neighbours
     'lof': Lof(min_pts=12),

@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coordinates that are too far from the origin for float32: it is said, once."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.points import COARSEST, too_coarse
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SENTENCE = 'float32 coordinates of 131073 m come in steps of 0.0156 m, and what is finer is lost'
 FIRST = 131_072.0  # metres, from where on steps are more than a centimetre

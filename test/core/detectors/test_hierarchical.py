@@ -2,26 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hierarchical outlier detection: equal to the naive twin, and to nothing but the points."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from naive import hierarchical as naive
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import gabriel
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import ClusterOutcome, detect
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
 

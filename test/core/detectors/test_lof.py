@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast local outlier factor is its naive twin, and does what is promised of it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,16 +11,12 @@ from helpers.neighbour_clouds import CLOUDS
 from naive import lof as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import lof
 from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Cloud = Callable[[np.random.Generator], Floats]
+Cloud = Callable[[np.random.Generator], Floats]
 
 
 def detect(xyz: Floats, **changed: Any) -> Floats:

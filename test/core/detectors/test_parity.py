@@ -6,9 +6,7 @@ scikit-learn is here to be asked. The counts of PCL (bun0.pcd) and PDAL (autzen-
 are those that their own tests expect.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import laspy
 import numpy as np
@@ -17,16 +15,12 @@ from helpers.neighbour_clouds import corner, scattered, sheet
 from rosbags.highlevel import AnyReader
 from sklearn.neighbors import LocalOutlierFactor
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.messages.cloud import structured
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 
 def first_sweep(path: Path) -> Floats:

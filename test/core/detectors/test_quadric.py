@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast quadric detector is its naive twin, keeps what is consistent, and finds what is not."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from naive import quadric as naive
 from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric.planes import empty_window
@@ -23,12 +23,7 @@ from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import height
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-
-    Shape = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
+Shape = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
 
 pytestmark = pytest.mark.slow  # the kernels compile for a minute
 

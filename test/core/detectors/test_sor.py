@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast tests of the distance to the neighbours are their naive twins, and do what they say."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,17 +11,13 @@ from helpers.neighbour_clouds import CLOUDS
 from naive import sor as naive
 from numpy.testing import assert_allclose
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.builtin import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Cloud = Callable[[np.random.Generator], Floats]
+Cloud = Callable[[np.random.Generator], Floats]
 
 
 def detect(xyz: Floats, range_m: Floats | None = None, **changed: Any) -> Floats:

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream: which points are judged together, and when a message is answered."""
 
-from __future__ import annotations
-
 import gc
 import weakref
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,16 +22,12 @@ from helpers.streams import (
 )
 
 from lidar_outlier_filter.core.engine.blocks import MAX_BLOCKS_PER_CLOUD, Blocks
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.core.verdict import Verdict
 
 LATE = 'the time of a cloud must be at or after what is judged already, got a point .* older'
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chain: order, vote, bits and scores, and points that nobody can judge."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A detector that raises an error: it costs its block, and the next one is judged."""
 
-from __future__ import annotations
-
 import gc
 import weakref
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from helpers.streams import (
     BLOCK,
     HALO,
     Census,
+    TaggedStream,
     cut,
     expected_scores,
     points_at,
@@ -30,20 +31,13 @@ from helpers.streams import (
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.builtin import Sor
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.recordings.replay import replay
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from helpers.streams import TaggedStream
-
-    from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
 
 RAISED = [FilterError('k', 'less', 3), ValueError('a\nb'), FloatingPointError(), MemoryError()]
 SENTENCE = 'the judging of a block must be free of errors, got ValueError: an error of the test'

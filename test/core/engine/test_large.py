@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds larger than memory get the verdicts of clouds in memory, bit for bit."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import DTypeLike, NDArray
 
+from lidar_outlier_filter.core.annotations import Allocate, Floats
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.tiles import tiles
@@ -19,13 +20,6 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import DTypeLike, NDArray
-
-    from lidar_outlier_filter.core.annotations import Allocate, Floats
 
 COUNT = 1500
 RADIUS = {'sor.statistic': 'radius', 'sor.radius': 0.02}

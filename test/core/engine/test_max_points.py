@@ -2,21 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds beyond ``max_points`` are refused; time goes on with them, so that the stream recovers."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 from helpers.nodes import Ros, flush, line, process
 from helpers.profile_scanner import SHOTS, Drive, Moving
-from helpers.streams import BLOCK, HALO, expected_scores, points_at, random_times, stream
+from helpers.streams import (
+    BLOCK,
+    HALO,
+    TaggedStream,
+    expected_scores,
+    points_at,
+    random_times,
+    stream,
+)
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
-
-if TYPE_CHECKING:
-    from helpers.streams import TaggedStream
 
 TOO_MANY = 'the number of points held must be at most max_points'
 

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A detector that takes too long: that is said while it runs, and the verdict stays what it is."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys
 import threading
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,10 +25,6 @@ from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.pipeline.compiling import COUNT
 from lidar_outlier_filter.pipeline.library import CloudFilter
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 LONGEST = 30.0  # seconds that a test waits for what must come
 VALUES = {'chain': ('sor',), 'blocks': 'message', 'halo': 0.0, 'max_delay': 0.001}

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """No kernel reads or writes outside of its arrays: uncompiled, Python checks every index."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled kernels on disk are those of the present sources."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from lidar_outlier_filter.core.kernels import PORTABLE, kernel_cache
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PRODUCT = kernel_cache.CORE.parent
 

@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work in threads is done once, in any number of them, and its errors come out."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
 
 import pytest
 
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @pytest.mark.parametrize('number', [0, 1, 2, 7])

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hard shapes: no detector is much slower than on a street, and none looks where a cloud is."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,13 +14,9 @@ from naive import hierarchical as naive
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.points.points import Points
 
 COUNT, MANY = LINE, 30_000  # points, for what is found and for how long it takes
 LONGEST = 5.0  # times as long as on the street

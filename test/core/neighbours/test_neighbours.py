@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The neighbours found in a tree are those of the naive twin, ties and coincident points too."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,16 +14,12 @@ from naive import neighbours as naive
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Index
 from lidar_outlier_filter.core.neighbours import neighbourhood as neighbours
 from lidar_outlier_filter.core.neighbours.neighbourhood import Nearest, Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF, SUBTREE
 from lidar_outlier_filter.core.neighbours.tree_walks import height
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats, Index
 
 Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]

@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smallest of some distances are found as by sorting them all."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.neighbours import smallest
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 
 def some(kind: str, count: int, rng: np.random.Generator) -> Floats:

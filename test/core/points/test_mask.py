@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mask of the own vehicle: what it covers, its file, and how it is learnt."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.own_vehicle import turn
 from naive.mask import covered
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.mask import (
     COLUMNS,
     HEAD,
@@ -22,11 +21,6 @@ from lidar_outlier_filter.core.points.mask import (
 )
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError, ParameterError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
 
 
 def points_of(rows: Rows) -> Points:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses in order of time, interpolated at every point's own time."""
 
-from __future__ import annotations
-
 import math
 import threading
 from typing import Any

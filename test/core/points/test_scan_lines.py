@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scan lines and segments, compared with plain loops."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from naive import alpha_beta_gamma as naive
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.core.points.scan_lines import (
@@ -17,11 +16,6 @@ from lidar_outlier_filter.core.points.scan_lines import (
     find_lines,
     order_by_line,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 
 def points_of(t: Sequence[int], line: Sequence[int]) -> Points:

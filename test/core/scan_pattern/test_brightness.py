@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Brightness is that of loops, in any unit and order; clouds without intensities have none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bands of elevation: as high as their points are apart, and in whatever order points come."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import HEIGHTS, in_bands
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 FREE = {'boosted_trees.sensor': 'free'}
 

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds of spinning sensors that others have moved are judged in the sensor's own frame."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,9 +15,6 @@ from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.world.trajectory import Route
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 RINGS, COLUMNS = 16, 900
 WALLS = np.array([[25.0, -15.0], [12.0, -8.0], [8.0, -1.9]])  # m: of a hall, in each direction

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rings recovered from elevation: those that were measured, and none where there are none."""
 
-from __future__ import annotations
-
 import csv
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from helpers.cloud_files import columns
 from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
     BAND_RAD,
     find_origin,
@@ -28,11 +27,6 @@ from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, descr
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 HELIOS = 'helios_1691141763462381376.pcd'
 TABLES = ('Pandar40P.csv', 'Pandar64.csv', 'PandarQT128.csv', 'Pandar128E4X.csv', 'VLP32.yaml')

@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The measures of odometry and maps, on clouds and poses that are worked out by hand."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import ROOT
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.points.points import Points
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 downstream: Any = import_module('downstream')

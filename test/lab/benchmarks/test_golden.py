@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts on real recordings are, bit by bit, those that were written down."""
 
-from __future__ import annotations
-
 import json
 import os
 import runpy

@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the programs of benchmarks/ use of the packages is there: most run in no test."""
 
-from __future__ import annotations
-
 import ast
 import runpy
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers import ROOT
 
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.ros.health import Backlog, Health
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BENCHMARKS = ROOT / 'benchmarks'
 PACKAGES = ('lidar_outlier_filter', 'lidar_outlier_lab', 'helpers')

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scanners without rings: what the default does with them, by itself and with `free`."""
 
-from __future__ import annotations
-
 import runpy
 from typing import Any
 

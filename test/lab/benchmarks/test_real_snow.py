@@ -2,23 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The judging of real snow, on a made-up sequence in the same layout: nothing of it is real."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from helpers import ROOT
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import RecordingError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 command: Any = import_module('real_snow')

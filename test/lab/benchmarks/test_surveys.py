@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Peers on surveys, reimplemented: they agree with their definitions."""
 
-from __future__ import annotations
-
 import runpy
 from typing import Any
 

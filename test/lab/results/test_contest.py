@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contest: all get the same points, each judges what it can, and all are counted alike."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from helpers.labelled import BAD, rows
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.tuning.training import Training
@@ -22,10 +20,6 @@ from lidar_outlier_lab.results.contestants import DEFAULT, Judgement, ours, peer
 from lidar_outlier_lab.results.samples import Sample, simulated
 from lidar_outlier_lab.simulation import presets
 from lidar_outlier_lab.simulation.world.recording import FRAME, START, Cloud
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-
 
 # Samples ------------------------------------------------------------------------------------------
 

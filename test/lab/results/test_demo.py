@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo: what it leaves, what it says, and what it does not overwrite."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from io import StringIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,12 +18,8 @@ from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_lab.results import demo
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
+from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_lab.simulation.world.drive import Drive
 
 FILES = {
     '.lidar_outlier_filter_demo',

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages of the other papers: what is measured, printed and drawn."""
 
-from __future__ import annotations
-
 import re
+from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from naive import pcl_lof as naive
 from numpy.testing import assert_allclose
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
@@ -26,11 +25,6 @@ from lidar_outlier_lab.results.papers import kang, leslar, pirotti, pirotti_buse
 from lidar_outlier_lab.results.papers.methods import METHODS, count
 from lidar_outlier_lab.results.samples import Sample
 from lidar_outlier_lab.simulation.papers import aerial
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Bytes, Floats
 
 DOC = ROOT / 'doc' / 'papers'
 TABLES = ROOT / 'doc' / 'results' / 'papers'

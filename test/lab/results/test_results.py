@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sections of the results, the command itself, and the pages that it writes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ from lidar_outlier_filter.cli import terminal
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_lab.results import markdown, real_clouds
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def quiet(_done: int, _total: int, _what: str) -> None:

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled ray caster against its naive twin, and what only it does: many rays, many things."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +12,9 @@ from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.world import surfaces
 from lidar_outlier_lab.simulation.world.caster import PANE, uniform
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
+from lidar_outlier_lab.simulation.world.surfaces import Surface
 
-if TYPE_CHECKING:
-    from lidar_outlier_lab.simulation.world.surfaces import Surface
-
-    Vector = tuple[float, float, float]
+Vector = tuple[float, float, float]
 
 RAYS = 3000
 FOOT, TOP = (0.0, 0.0, 0.0), (1.0, 2.0, 2.0)

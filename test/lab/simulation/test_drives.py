@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulator is checked, not believed: every number it states is measured in what it makes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Rows
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
@@ -26,13 +26,6 @@ from lidar_outlier_lab.simulation.world.sensors import (
 )
 from lidar_outlier_lab.simulation.world.surfaces import box, ground
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory, rotation
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Rows
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 SMOOTH = Trajectory(speed_change=0.0, bump=0.0, sway=0.0)

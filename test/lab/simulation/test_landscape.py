@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Landscapes: what is seen from above, and where rays from the air end."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 STEP = 0.002  # metres that the slow twin goes at a time
 

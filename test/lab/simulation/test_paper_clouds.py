@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.errors import FilterError
@@ -21,9 +21,6 @@ from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, sim
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.drive import Block, Returns, merge
 from lidar_outlier_lab.simulation.world.recording import POINT
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
 

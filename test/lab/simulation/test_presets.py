@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every preset: its figures, its truth, its seed; and the command that records it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +18,6 @@ from lidar_outlier_lab.simulation.papers import aerial
 from lidar_outlier_lab.simulation.papers import surveyed_streets as leslar
 from lidar_outlier_lab.simulation.presets import PRESETS, make
 from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SMALL = 'sotoodeh-hod'
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scanners without rings: where their prisms send the beams, and what a cloud of theirs holds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,24 +6,18 @@ Beer and Lambert: e^(-2αr) comes back. Fog is that of Hahner et al. (2021): α 
 β = 0.046 ÷ MOR. What falls is that of LISA (Kilic et al. 2021).
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 OPTICS = Optics()
 # The receiver sees all of a beam, which is 1 cm wide everywhere, and almost no light suffices.

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weather in real recordings: what it leaves alone stays, and what it adds is where a beam went."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,8 @@ from numpy.lib.recfunctions import repack_fields
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.annotations import Rows
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import structured
@@ -29,12 +30,6 @@ from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS
 from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
 from lidar_outlier_lab.simulation.weather.labelled_cloud import LabelledCloud
 from lidar_outlier_lab.simulation.world.recording import to_message
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
-    from lidar_outlier_filter.core.points.points import Points
 
 TOPIC = '/velodyne_points'
 PAGE = ROOT / 'doc' / 'evaluate.md'

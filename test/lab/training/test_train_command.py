@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command ``train``: weather on recordings and streets become a file of trees."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +15,6 @@ from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
 from lidar_outlier_lab.training import scenes, train, train_profile
 from lidar_outlier_lab.training.ring_tables import TABLES, known_scanners, read_elevations
 from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Capture = pytest.CaptureFixture[str]
 

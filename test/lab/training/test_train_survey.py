@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training the trees for clouds without scan lines."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
-from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, training_scene
+from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.train_survey import RECIPE, SCENES, see
-
-if TYPE_CHECKING:
-    from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 
 WALLS = (3, 9, 13, 19)  # seeds of small scenes
 pytestmark = pytest.mark.usefixtures('few_edges')

@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The method is chosen by what a cloud shows, and points that no method can judge are untested."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,10 +11,8 @@ from helpers.scans import Drive, road, sweep
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.points.points import Points
 
 
 def unsteady() -> Points:

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scan pattern of profile scanners: scanner, windows, pairs and groups are those of loops."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -23,6 +21,7 @@ from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile_groups
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge, measure
@@ -35,15 +34,10 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern import profile_scanner
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, Fit, fit_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 
 def lines_of(pattern: Pattern) -> list[naive_pattern.Ring]:

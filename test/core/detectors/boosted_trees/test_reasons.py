@@ -2,14 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contributions of features add up to the log-odds, and the strongest one is published."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 from helpers.scans import Drive, pattern_of, sweep
 from naive import scan_pattern as naive
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.explanation import contributions
@@ -43,12 +40,8 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.verdict import Verdict
 
 SNOW, ARMS = sweep(5, 0.2, 1.4, columns=200), Drive(12, 0.1, lines=20, shots=400, strays=0.03)
 CLOUDS = {'spinning': SNOW, 'profile': ARMS.points}

@@ -2,19 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds without scan lines, judged by trees on the neighbours of each point."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 from naive import survey as naive
+from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, Trees, load
 from lidar_outlier_filter.core.neighbours import duplicates
 from lidar_outlier_filter.core.neighbours.duplicates import (
     MIN_SCALE_M,
@@ -24,15 +22,8 @@ from lidar_outlier_filter.core.neighbours.duplicates import (
     find_places,
     typical_scale,
 )
-from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.floor import Floor, look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
-    from lidar_outlier_filter.core.neighbours.floor import Floor
 
 
 def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
