@@ -12,12 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, answers, read_recording
+from lidar_outlier_filter.evaluation.judged import CAUSES, answers
 from lidar_outlier_filter.evaluation.labels import CloudLabels
 from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, percent
 from lidar_outlier_filter.messages.cloud import AXES

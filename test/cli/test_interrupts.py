@@ -70,8 +70,10 @@ def cloud(folder: Path) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize('module', ['lidar_outlier_filter.cli.main', 'numpy', 'numba'])
-@pytest.mark.parametrize('wrapped', ['', SWALLOWED])
+@pytest.mark.parametrize(
+    ('module', 'wrapped'),
+    [('lidar_outlier_filter.cli.main', ''), ('numpy', ''), ('numba', SWALLOWED)],
+)
 def test_interrupted_import(tmp_path: Path, module: str, wrapped: str) -> None:
     """Ctrl-C in the first second, when all is imported, gives status 130 and not a word."""
     program = BEGIN + IMPORTS.format(wrapped=wrapped)

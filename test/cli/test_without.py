@@ -115,17 +115,6 @@ def test_the_readme_quotes_the_session() -> None:
     assert f'```python\n{text_of_session()}```\n' in readme
 
 
-def test_examples_of_the_library() -> None:
-    """The examples of the library run."""
-    code = """
-from doctest import testmod
-import lidar_outlier_filter.pipeline.library
-done = testmod(lidar_outlier_filter.pipeline.library)
-print(done.failed, done.attempted > 2)
-"""
-    assert output(code).split() == ['0', 'True']
-
-
 @pytest.mark.slow
 def test_commands(tmp_path: Path) -> None:
     """Simulate, clean, evaluate and tune, from end to end."""

@@ -52,14 +52,6 @@ def test_recording(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     assert found['auc'] == pytest.approx(metrics.roc_auc_score(points.bad, score))
 
 
-def test_options_count(bag: Path, capsys: Capture) -> None:
-    """Codes and ignored codes are what was asked for, without our names for them."""
-    assert main(['evaluate', str(bag), '--codes', '5', '--ignore', '2']) == 0
-    lines = printed(capsys)
-    assert 'outliers 4 16.67 % cloud 6.68 % – 35.85 %' in lines
-    assert 'code 5 4 4 100.00 % 51.01 % – 100.00 %' in lines
-
-
 def test_label_files(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     """A folder of label files, one for each cloud; 1 is the outlier, 0 does not count."""
     folder = tmp_path / 'labels'
@@ -75,18 +67,6 @@ def test_label_files(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     named = [part for path in sorted(folder.iterdir()) for part in ('--labels', str(path))]
     assert main(['evaluate', *named, str(bag)]) == 0
     assert printed(capsys) == lines
-
-
-def test_columns_of_a_table(tmp_path: Path, capsys: Capture) -> None:
-    """Truth and score are columns of one file, by their names; the threshold may be another."""
-    table = np.stack([TRUTH[:, 0], TRUTH[:, 3]], axis=1)
-    path = tmp_path / 'a.csv'
-    np.savetxt(path, table, delimiter=',', header='truth,value', comments='')
-    command = ['evaluate', str(path), '--label', 'truth', '--score', 'value']
-    assert main(command) == 0
-    assert 'rightly identified, precision 2 66.67 % rejected 20.77 % – 93.85 %' in printed(capsys)
-    assert main([*command, '--threshold', '2']) == 0
-    assert 'rightly identified, precision 2 100.00 % rejected 34.24 % – 100.00 %' in printed(capsys)
 
 
 @pytest.mark.parametrize(

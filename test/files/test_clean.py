@@ -5,10 +5,8 @@
 import json
 import shlex
 import signal
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -123,22 +121,6 @@ def test_removed_and_separated(folder: Path, name: str) -> None:
     assert len(columns(out)[0]) > 10
 
 
-@pytest.mark.parametrize(
-    ('settings', 'kept'),
-    [
-        (['sor.k=50', 'sor.multiplier=1.0'], 352),
-        (['sor.statistic=radius', 'sor.radius=0.02', 'sor.min_neighbors=14'], 307),
-    ],
-)
-def test_as_many_as_pcl_keeps(folder: Path, settings: list[str], kept: int) -> None:
-    """The counts that the Point Cloud Library's own tests have for its bunny."""
-    options = [text for setting in settings for text in ('--set', setting)]
-    arguments = ['clean', str(folder / 'bun0.pcd'), '--chain', 'sor', *options]
-    arguments += ['--rejected', 'remove']
-    assert main(arguments) == 0
-    assert len(columns(folder / 'bun0_cleaned.pcd')[0]) == kept
-
-
 # Time and scan lines
 
 
@@ -178,26 +160,6 @@ def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) 
 
 
 # Tables
-
-
-def test_bus_track_in_a_database(tmp_path: Path) -> None:
-    """A table of latitude, longitude and speed; the verdict is a table beside it."""
-    path = tmp_path / 'bus.sqlite'
-    rng = np.random.default_rng(3)
-    track = rng.normal(0, 1e-4, (500, 2)).cumsum(axis=0) + np.array([45.07, 7.68])
-    track[200] += 0.5
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute('CREATE TABLE line11 (lat, lon, bus TEXT)')
-        database.executemany("INSERT INTO line11 VALUES (?, ?, 'a')", track.tolist())
-    command = ['clean', str(path), '--columns', 'lat,lon', '--chain', 'sor']
-    assert main([*command, '--rejected', 'remove']) == 1
-    assert main([*command, '--set', 'sor.multiplier=8.0']) == 0
-    with closing(sqlite3.connect(tmp_path / 'bus_cleaned.sqlite')) as database:
-        found = database.execute('SELECT row_id FROM line11_verdict WHERE outlier').fetchall()
-        count = database.execute('SELECT count(outlier_score) FROM line11_verdict').fetchall()
-    assert (201,) in found
-    assert len(found) < 10
-    assert count == [(500,)]
 
 
 # Tiles

@@ -12,7 +12,6 @@ from helpers.cloud_files import VERDICT, columns, copied, every_third, verdict
 from helpers.e57_files import reworded, write_e57
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
@@ -85,15 +84,6 @@ def test_copy_is_ply(tmp_path: Path) -> None:
         assert open_cloud(copy).columns[name] == open_cloud(path).columns[name]
     for name, values in added.items():
         np.testing.assert_array_equal(columns(copy, name)[0], values[keep])
-
-
-def test_clean(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The copy stands beside the file; a copy that is to be E57 is refused."""
-    path = write(tmp_path / 'two.e57')
-    assert main(['clean', '--chain', 'sor', str(path)]) == 0
-    assert np.isnan(columns(tmp_path / 'two_cleaned.ply', 'x')[0]).sum() == 20
-    assert main(['clean', '--chain', 'sor', str(path), '--output', str(tmp_path / 'new.e57')]) == 1
-    assert 'the output must be in the format of two.ply, got' in capsys.readouterr().err
 
 
 COUNTED = b'recordCount="50"'

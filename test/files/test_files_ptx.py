@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """PTX: the grids of all scans stay whole, lines keep their bytes, poses put them together."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -62,26 +61,6 @@ def test_colours(tmp_path: Path) -> None:
     mixed = make(tmp_path / 'mixed.ptx', first)
     assert list(open_cloud(mixed).columns) == ['x', 'y', 'z', 'intensity']
     assert copied(mixed, Change()).read_bytes() == mixed.read_bytes()
-
-
-def test_clean(tmp_path: Path) -> None:
-    """An outlier becomes a missing return; in the file of outliers, all other points do."""
-    near = np.random.default_rng(4).normal(size=(199, 2)).round(3)
-    lines = [f'{x} {y} 5 0.5' for x, y in near] + ['90 90 90 0.75']
-    path = make(tmp_path / 'two.ptx', lines, SECOND)
-    path.write_bytes(path.read_bytes().replace(b'3\n2\n', b'50\n4\n', 1))
-    assert main(['clean', '--chain', 'sor', str(path)]) == 0
-    cleaned = (tmp_path / 'two_cleaned.ptx').read_bytes()
-    assert b'90 90 90' not in cleaned
-    log = json.loads((tmp_path / 'two_cleaned.ptx.json').read_text())
-    assert (log['points'], log['invalid']) == (203, 1)
-    both = [tmp_path / name for name in ('both.ptx', 'far.ptx')]
-    outputs = ['--output', str(both[0]), '--outliers', str(both[1])]
-    assert main(['clean', '--chain', 'sor', str(path), *outputs]) == 0
-    assert both[0].read_bytes() == cleaned
-    kept, far = (columns(one, 'x')[0] for one in both)
-    assert np.count_nonzero(~np.isnan(far)) == log['rejected']
-    np.testing.assert_array_equal(np.where(np.isnan(far), kept, far), columns(path, 'x')[0])
 
 
 def test_blank_lines(tmp_path: Path) -> None:

@@ -6,24 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.cloud_files import columns
 from helpers.detectors import BITS, added
 from helpers.strangers import EXAMPLE
 
-from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.declaration import Detector, resolve
-from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.thresholds import threshold
-from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.verdict import EXTRA
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
@@ -53,28 +43,12 @@ def _rank(parameters: FilterParameters) -> int:
     return parameters.of(Toy).rank
 
 
-def _measure(neighbourhood: Neighbourhood, parameters: FilterParameters) -> Floats:
-    rank = _rank(parameters)
-    result = np.full(len(neighbourhood), np.nan)
-    if len(neighbourhood) > rank:
-        xyz, other = neighbourhood.xyz, neighbourhood.nearest(rank).index[:, -1]
-        result[neighbourhood.order] = np.linalg.norm(xyz - xyz[other], axis=1)
-    return result
-
-
-def _score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
-    measured = _measure(seen.neighbourhood, parameters)
-    extra = np.where(measured > 10, np.uint16(EXTRA), np.uint16(0))
-    return Scores(measured / parameters.of(Toy).limit, extra)
-
-
 TOY = Detector(
     name='toy',
     bit=BIT,
     section=Toy,
-    score=_score,
+    score=f'{__name__}:none',
     neighbours=_rank,
-    large='files',
     rejects='has no other beside it',
 )
 
@@ -87,36 +61,6 @@ def toy() -> Iterator[Detector]:
     """Let a test know it."""
     with added(TOY):
         yield TOY
-
-
-def naive(xyz: Floats, limit: float) -> list[bool]:
-    """Return which points are farther from all others than the limit."""
-    far = []
-    for i, one in enumerate(xyz):
-        others = [float(np.linalg.norm(one - two)) for j, two in enumerate(xyz) if j != i]
-        far.append(min(others) > limit)
-    return far
-
-
-def scattered(count: int = 200) -> Points:
-    """Make points, the last of which float far from all others."""
-    xyz = np.random.default_rng(1).random((count, 3)) * [10, 5, 0.1]
-    xyz[-3:, 2] += [2.0, 20.0, 200.0]
-    zeros = np.zeros(count, np.int64)
-    return Points(xyz, zeros, zeros, np.ones(count, np.bool_))
-
-
-@pytest.mark.usefixtures('toy')
-def test_chain() -> None:
-    """It judges in a chain, alone and after another, and its bits say."""
-    points = scattered()
-    parameters = FilterParameters().changed({'chain': ['toy'], 'toy.limit': 1.0})
-    verdict = Chain(parameters).judge(points)
-    assert verdict.rejected.tolist() == naive(points.xyz, 1.0)
-    assert verdict.detectors[-3:].tolist() == [BIT, BIT | EXTRA, BIT | EXTRA]
-    both = Chain(parameters.changed({'chain': ['sor', 'toy']})).judge(points)
-    assert set(both.detectors.tolist()) >= {0, BITS['sor']}
-    assert (both.rejected >= verdict.rejected).all()
 
 
 @pytest.mark.usefixtures('toy')
@@ -140,19 +84,6 @@ def test_parameters(tmp_path: Path) -> None:
         changed.changed({'toy.limit': '2'})
     with pytest.raises(ParameterError, match=r'toy\.limit must be at least 0\.01 m with such'):
         changed.changed({'toy.limit': 0.005, 'toy.rank': 6})
-
-
-@pytest.mark.usefixtures('toy')
-def test_a_large_file(tmp_path: Path) -> None:
-    """A file is cleaned by it with arrays in files."""
-    points = scattered()
-    path = tmp_path / 'cloud.csv'
-    np.savetxt(path, points.xyz, '%.17g', ',', header='x,y,z', comments='')
-    requested = ['--chain', 'toy', '--set', 'toy.limit=1.0', '--tile', '2']
-    assert main(['clean', str(path), *requested]) == 0
-    outlier, bits = columns(tmp_path / 'cloud_cleaned.csv', 'outlier', 'outlier_detectors')
-    assert outlier.tolist() == naive(points.xyz, 1.0)
-    assert bits[-3:].tolist() == [BIT, BIT | EXTRA, BIT | EXTRA]
 
 
 # The example of CONTRIBUTING, and what the package declares --------------------------------------

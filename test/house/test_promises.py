@@ -320,25 +320,6 @@ def test_answered_within_halo() -> None:
 # Time that goes astray --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('way', ['either', 'angle'])
-def test_late_cloud(way: str) -> None:
-    """A late cloud is refused with a sentence, and all others get what they would get anyway."""
-    rows = scene(way, 14, 600)
-    messages = [cloud(part) for part in cut(rows, 14, 40)]
-    expected = joined(run(messages, WAYS[way] | {'scores': True}))
-    clean = make(WAYS[way] | {'scores': True})
-    answers: list[SplitCloud] = []
-    for number, msg in enumerate(messages):
-        answers += clean.process(msg, number)
-        if number > 20:
-            with pytest.raises(CloudError, match='the time of a cloud must be at or after what is'):
-                clean.process(cloud(rows[: 30 + number]))
-    answers += clean.flush()
-    assert joined(answers) == expected
-    assert clean.statistics.refused == len(messages) - 21
-    assert clean.statistics.refusals == {'the time of a cloud': len(messages) - 21}
-
-
 @pytest.mark.parametrize('shift', [-5, 5, 3600 * 24 * 365])
 @pytest.mark.parametrize('way', ['either', 'angle'])
 def test_clock_is_set(way: str, shift: int) -> None:
@@ -354,26 +335,6 @@ def test_clock_is_set(way: str, shift: int) -> None:
     assert len(answers) == len(parts[0] + parts[1])
     assert joined(answers) == (expected[0][0] + expected[1][0], expected[0][1] + expected[1][1])
     assert clean.statistics.resets == int(shift < 0)
-
-
-def test_lateness() -> None:
-    """Clouds that come out of order, but within lateness, get the verdicts of those in order."""
-    rng = np.random.default_rng(17)
-    rows = drive(17)
-    extra: dict[str, object] = {'lateness': 0.03, 'scores': True}
-    # No time is cut apart: ties stay in the order of arrival.
-    edges = np.flatnonzero(np.diff(rows['tick'])) + 1
-    messages = [
-        cloud(part) for part in np.split(rows, np.sort(rng.choice(edges, 60, replace=False)))
-    ]
-    first = np.array([values(msg, 'tick')[0][0] for msg in messages])
-    order = np.argsort(first + rng.integers(0, 15_000_000, len(first)))
-    assert (order != np.arange(len(order))).any()
-    expected = run(messages, extra)
-    answers = run([messages[i] for i in order], extra)
-    for i, answer in zip(order, answers, strict=True):
-        assert dump(answer.cleaned) == dump(expected[i].cleaned)
-        assert dump(answer.outliers) == dump(expected[i].outliers)
 
 
 # Refuse, don't repair ---------------------------------------------------------------------------

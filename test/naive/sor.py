@@ -68,8 +68,3 @@ def radius(
     if len(cloud) <= least:
         return [inf for _ in cloud]
     return [distances(cloud, p)[least - 1] / own[p] for p in range(len(cloud))]
-
-
-def neighbours_within(cloud: Cloud, p: int, radius_m: float) -> int:
-    """Others that are at most so far."""
-    return sum(distance <= radius_m for distance in distances(cloud, p))

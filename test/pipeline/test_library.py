@@ -94,17 +94,6 @@ def test_missing_returns() -> None:
     assert_same(verdict.take(~missing), detect_outliers(xyz[~missing]))
 
 
-@pytest.mark.parametrize('name', WITHOUT_LINES)
-def test_permutation(name: str) -> None:
-    """The order of points without times and lines does not matter, but for roundings."""
-    xyz = floor(seed=2)
-    order = np.random.default_rng(3).permutation(len(xyz))
-    verdict = detect_outliers(xyz, chain=[name]).take(order)
-    permuted = detect_outliers(xyz[order], chain=[name])
-    np.testing.assert_array_equal(permuted.outlier, verdict.outlier)
-    np.testing.assert_allclose(permuted.score, verdict.score, rtol=1e-5)
-
-
 @pytest.mark.parametrize('kind', ['f4', '>f4', 'f8', '>f8', 'f2', 'i2', 'i8', 'u4'])
 @pytest.mark.parametrize('order', ['C', 'F'])
 def test_types_of_numbers(kind: str, order: Any) -> None:

@@ -67,19 +67,6 @@ def test_what_is_published_is_what_came() -> None:
         assert together.tobytes() == bytes(answer.tag.data)
 
 
-@pytest.mark.parametrize('lines', [1, 3, 37])
-def test_chunk_invariance(lines: int) -> None:
-    """However the points are cut into clouds, and whenever the odometry comes."""
-    drive = Drive(0.5)
-    expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
-    for delay in (0.0, 0.25):
-        moving = Moving()
-        answers = moving.run(drive.clouds(drive.own, lines), drive.odometry(), delay)
-        assert (rejected(drive, answers) == expected).all()
-        assert moving.filter.statistics.without_pose == 0
-        assert len(answers) == -(-len(drive.t) // (lines * SHOTS))
-
-
 def spinning(cuts: int) -> list[PointCloud2]:
     """Return three turns of a spinning sensor in so many clouds."""
     points = sweep(3, 0.1, 3.0, columns=240)
@@ -192,20 +179,6 @@ def test_a_gap_decides_for_each_point(lines: int) -> None:
     found = rejected(drive, Moving(extra).run(drive.clouds(drive.own, lines), odometry, 0.05))
     assert np.count_nonzero(expected) > 0
     assert np.count_nonzero(found != expected) == 0
-
-
-def test_bounded() -> None:
-    """What waits for poses is held, too: not more than max_points."""
-    drive = Drive(1.0)
-    clouds = drive.clouds(drive.own)
-    moving = Moving({'max_points': 30 * SHOTS})
-    answers = [moving.filter.process(msg, msg) for msg in clouds[:3]]
-    assert answers == [[]] * 3
-    with pytest.raises(Exception, match='the number of points held must be at most max_points'):
-        moving.filter.process(clouds[3], clouds[3])
-    assert moving.filter.statistics.refusals == {'the number of points held': 1}
-    assert len(moving.filter.flush()) == 3
-    moving.filter.process(clouds[4], clouds[4])
 
 
 def test_refused_when_its_turn_has_come() -> None:

@@ -91,20 +91,6 @@ def test_partition_and_chunks(parts: int, mask: str) -> None:
     assert both == rows_of([cloud(rows) for rows in turns])
 
 
-def test_farther_returns_are_kept(mask: str) -> None:
-    """A wall behind the bonnet is not masked."""
-    rows = turn(30)
-    behind = np.flatnonzero((rows['own'] == 1) & (rows['ring'] == 5))[10:20]
-    for axis in 'xyz':
-        rows[axis][behind] *= 4
-    given = {'chain': ['sor'], 'sor.multiplier': 1000.0, 'mask': mask}
-    verdict = detect_outliers(rows, parameters=given)
-    assert not verdict.masked[behind].any()
-    others = np.setdiff1d(np.flatnonzero(rows['own']), behind)
-    assert verdict.outlier[others].all()
-    assert not verdict.outlier[rows['own'] == 0].any()
-
-
 def test_tolerance(mask: str) -> None:
     """What is nearer or farther by more than the tolerance is not masked."""
     rows = turn(30)

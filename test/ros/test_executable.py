@@ -149,8 +149,14 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
         assert node.wait() == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('module', ['numpy', 'llvmlite.binding', 'rclpy.node'])
+@pytest.mark.parametrize(
+    ('module', 'number'),
+    [
+        ('numpy', signal.SIGINT),
+        ('llvmlite.binding', signal.SIGTERM),
+        ('rclpy.node', signal.SIGINT),
+    ],
+)
 def test_stopped_while_it_loads(module: str, number: signal.Signals) -> None:
     """In the midst of the imports: status 0, and not a word."""
     env = environment() | {'PYTHONPROFILEIMPORTTIME': '1'}
@@ -170,10 +176,6 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
         node.signal(signal.SIGINT)
         assert node.wait() == 0
     assert len(node.output) == 1
-
-
-# A detector whose kernel takes days.
-# The node, and a sensor in the same process.
 
 
 @pytest.mark.parametrize(

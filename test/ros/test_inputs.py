@@ -3,10 +3,9 @@
 """Several sensors: one process that serves them all, each as a stream of its own."""
 
 import pytest
-from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
+from helpers.nodes import Ros, Sensor, broken, line, receive
 from helpers.programs import TIMEOUT
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import ParameterError
@@ -81,22 +80,6 @@ def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]
     for channel in node.channels:
         assert channel.statistics.outliers == 0
         assert channel.statistics.bypassed == {'disabled': 1}
-
-
-def test_each_is_told_of(ros: Ros) -> None:
-    """A status, and a row of the table, for each."""
-    node = ros.filter(parameters=BOTH)
-    node.start()
-    receive(node.channels[1], line(0.0))
-
-    def is_known(table: Float64MultiArray) -> bool:
-        return table.data[len(PLOTTED)] > 0  # type: ignore[no-any-return]
-
-    table = ros.wait_for_message(Float64MultiArray, '/outlier_filter_node/statistics', is_known)
-    rows, columns = table.layout.dim
-    assert (rows.label, rows.size, rows.stride) == ('/left/points,right', 2, 2 * len(PLOTTED))
-    assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))
-    assert table.data[0] == 0
 
 
 @pytest.mark.parametrize(

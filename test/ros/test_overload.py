@@ -24,17 +24,6 @@ def held_up(node: OutlierFilterNode) -> Iterator[None]:
     wait_for_thread(node)
 
 
-def test_receiving_goes_on_while_the_filter_works(ros: Ros) -> None:
-    """What comes meanwhile waits, and is answered in order."""
-    node, sensor = start(ros, load__clouds=100)
-    with held_up(node):
-        send(ros, node, sensor, 20)
-        assert node.channels[0].waiting == 20
-        assert node.channels[0].statistics.messages == 0
-    node.finish()
-    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
-
-
 def test_what_waits_is_reported(ros: Ros) -> None:
     """Clouds and bytes to be filtered, clouds without an answer, who publishes, what is done."""
     node, sensor = start(ros, block=0.1)

@@ -24,9 +24,14 @@ WAITS = 'threading.Event().wait()'
 COMPUTES = 'sum(range(10**15))'  # in C: Python looks at no signal before it is done
 
 
-@pytest.mark.parametrize('busy', [WAITS, COMPUTES])
-@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('first', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ('first', 'second', 'busy'),
+    [
+        (signal.SIGINT, signal.SIGINT, WAITS),
+        (signal.SIGTERM, signal.SIGTERM, COMPUTES),
+        (signal.SIGINT, signal.SIGTERM, COMPUTES),
+    ],
+)
 def test_the_second_ends_it_at_once(
     first: signal.Signals, second: signal.Signals, busy: str
 ) -> None:

@@ -143,17 +143,6 @@ def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> No
     assert node.filter_parameters == FilterParameters().changed(read_yaml(output))
 
 
-def test_the_default_chain(bag: Path, tmp_path: Path, capsys: Capture) -> None:
-    """Its one threshold is found."""
-    output = tmp_path / 'tuned.yaml'
-    arguments = ['--set', 'boosted_trees.threshold=2.9', '--folds', '2', '--output', str(output)]
-    assert main(['tune', str(bag), *arguments]) == 0
-    values = read_yaml(output)
-    assert tuple(values['chain']) == FilterParameters().chain  # type: ignore[arg-type]
-    found = values['boosted_trees.threshold']
-    assert LINE.findall(capsys.readouterr().out) == [('boosted_trees.threshold', str(found))]
-
-
 def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
     """A clean recording needs no labels; the file is beside it, and says what it comes from."""
     clean = [cloud[cloud['label'] == 0] for cloud in drive()]
@@ -180,19 +169,6 @@ def test_several_recordings(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     assert ', in 3 folds.' in text
     assert main(['tune', *paths, '--labels', str(bag), '--output', str(tmp_path / 'x')]) == 1
     assert '--labels must be given for one recording' in capsys.readouterr().err
-
-
-def test_a_cloud_that_is_a_file(tmp_path: Path) -> None:
-    """A table with a column of labels, by the detectors that need no scan lines."""
-    rng = np.random.default_rng(4)
-    xyz = rng.uniform(0, 10, (4000, 3)) * [1, 1, 0.01]
-    code = rng.random(4000) < 0.02
-    xyz[code, 2] += rng.uniform(0.2, 2, np.count_nonzero(code))
-    table, path = np.column_stack([xyz, code]), tmp_path / 'a.csv'
-    np.savetxt(path, table, delimiter=',', header='x,y,z,label', comments='')
-    arguments = ['--set', 'chain=[sor]', '--search', 'sor.k=5,20', '--folds', '3']
-    assert main(['tune', str(path), *arguments]) == 0
-    assert read_yaml(tmp_path / 'a_tuned.yaml')['sor.k'] == 5
 
 
 def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tuner learns from points that are moved as the filter moves them."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +21,8 @@ from helpers.profile_scanner import (
 from rclpy.expand_topic_name import expand_topic_name
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import resolve
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection
@@ -92,26 +87,6 @@ def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
 def test_names_of_topics(topic: str) -> None:
     """They are those that ROS gives the node."""
     assert resolve(topic) == expand_topic_name(topic, 'outlier_filter_node', '/')
-
-
-def test_command(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The command says what is to be expected of moved points: what a replay gives."""
-    output = tmp_path / 'tuned.yaml'
-    given: dict[str, object] = {**REPLAYED, 'chain': '[sor]'}
-    words = [word for name, value in given.items() for word in ('--set', f'{name}={value}')]
-    words += ['--labels', str(recorded.labels), '--folds', '2', '--output', str(output)]
-    for name in ('radius', 'min_neighbors'):
-        words += ['--search', f'sor.{name}={given[f"sor.{name}"]}']
-    assert main(['tune', str(recorded.bag), *words]) == 0
-    printed = capsys.readouterr()
-    row = re.search(r'^F1 +\S+ % +\S+ % +([\d.]+) %', printed.out, re.MULTILINE)
-    assert row is not None
-    replay(recorded.bag, tmp_path / 'out', parameters=read_yaml(output))
-    found = read_recording(tmp_path / 'out', codes=ALL_BUT_0, files=recorded.files)
-    f1 = 100 * confusion(found.bad, found.rejected).f1
-    assert f1 == pytest.approx(float(row.group(1)), abs=0.005)
-    assert f1 > 90
-    assert 'had no poses' not in printed.out + printed.err
 
 
 def test_command_says_what_was_not_moved(

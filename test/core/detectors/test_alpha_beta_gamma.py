@@ -286,15 +286,3 @@ def test_both_kernels_agree(order: int, before: int, after: int) -> None:
     in_tiles = residuals(series, np.arange(len(cloud)), parameters)
     one_by_one = residuals(series, np.arange(len(cloud) - 1), parameters)
     assert_allclose(in_tiles[:, :, :-1], one_by_one, rtol=1e-9, atol=1e-9)
-
-
-def test_input_is_not_changed() -> None:
-    """Points and lines are read only: other detectors see them too."""
-    cloud = smooth(np.random.default_rng(59))
-    lines = find_lines(cloud, GAP)
-    before, after = lines.before.copy(), lines.after.copy()
-    for array in (cloud.xyz, cloud.t, cloud.line, lines.before, lines.after):
-        array.setflags(write=False)
-    detect(cloud, lines, smoother())
-    assert_array_equal(lines.before, before)
-    assert_array_equal(lines.after, after)

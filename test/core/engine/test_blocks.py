@@ -22,7 +22,6 @@ from helpers.streams import (
 )
 
 from lidar_outlier_filter.core.engine.blocks import MAX_BLOCKS_PER_CLOUD, Blocks
-from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
@@ -92,13 +91,6 @@ def test_a_block_ends_exactly() -> None:
     assert census.blocks[1:] == [[BLOCK - 1, BLOCK, BLOCK + HALO - 1, BLOCK + HALO]]
 
 
-def test_without_halo() -> None:
-    """With a halo of 0 the blocks are judged by themselves."""
-    made, census = stream(halo=0.0)
-    made.push(points_at([0, BLOCK - 1, BLOCK]))
-    assert census.blocks == [[0, BLOCK - 1]]
-
-
 def assert_same(a: list[tuple[Any, Verdict]], b: list[tuple[Any, Verdict]]) -> None:
     """Two lists of answers have the same tags and verdicts, bit for bit."""
     assert [tag for tag, _ in a] == [tag for tag, _ in b]
@@ -143,16 +135,6 @@ def test_the_edge_of_late() -> None:
         made.push(points_at([BLOCK + HALO - 1]))
     made.push(points_at([BLOCK + HALO]))
     assert len(made.flush()) == 2
-
-
-def test_out_of_order_before_the_edge() -> None:
-    """Within what is not judged yet the order of arrival does not matter."""
-    made, census = stream()
-    made.push(points_at([9]), 'a')
-    made.push(points_at([3]), 'b')
-    made.push(points_at([BLOCK, 5]), 'c')
-    assert [tag for tag, _ in made.flush()] == ['a', 'b', 'c']
-    assert census.blocks == [[9, 3, BLOCK, 5], [BLOCK]]
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -260,19 +242,6 @@ def partial_scores(
     return np.array(expected_scores(there, missing[: len(there)]), np.float32)
 
 
-def test_hurry_in_the_middle_of_a_block() -> None:
-    """The second half of a block is judged with the first; what the first half was said stays."""
-    made, census = stream()
-    made.push(points_at([1000, 2000]), 'first')
-    ((_, first),) = made.flush_pending()
-    assert first.score.tolist() == [3, 3]
-    made.push(points_at([5000, BLOCK + HALO]), 'second')
-    assert census.blocks == [[1000, 2000], [1000, 2000, 5000]]
-    assert first.score.tolist() == [3, 3]
-    ((_, second),) = made.flush()
-    assert second.score.tolist() == [8, (BLOCK + HALO) // 1000 % 9973]
-
-
 def test_hurry_closes_what_was_told() -> None:
     """After a hurry a point that is older than those said is late; one of the same time is not."""
     made, _ = stream()
@@ -341,23 +310,6 @@ def test_max_points_of_missing_returns() -> None:
         made.push(points_at([0], [True]), 'one more')
     assert [tag for tag, _ in made.flush_pending()] == ['point', 'missing']
     assert made.push(points_at([0] * 9, [True] * 9)) != []
-
-
-def test_max_points_after_the_clock_was_set_back() -> None:
-    """What was before does not count where it is let go of by this very cloud."""
-    made, _ = stream(max_points=10)
-    made.push(points_at([100 * SECOND] * 8), 'old')
-    assert [tag for tag, _ in made.push(points_at([0] * 8), 'new')] == ['old']
-    assert made.held == 8
-
-
-def test_chain_replaced() -> None:
-    """From the next block on the new chain judges; what is said is said."""
-    made, _ = stream()
-    made.push(points_at([5, BLOCK + HALO]), 'a')
-    made.stream.chain = cast('Chain', Census(bit=4))
-    ((_, verdict),) = made.flush()
-    assert verdict.detectors.tolist() == [1, 4]
 
 
 def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
@@ -452,16 +404,6 @@ def test_blocks_by_message_of_nothing() -> None:
     ((_, verdict),) = made.push(points_at([5, 6], [True, True]), 'missing')
     assert np.isnan(verdict.score).all()
     assert census.blocks == []
-
-
-def test_blocks_by_message_are_bounded() -> None:
-    """What is held is the last message and its halo; too large a message is refused."""
-    made, _ = by_message(max_points=12)
-    for number in range(100):
-        made.push(points_at([number * 1_000_000 + i for i in range(3)]))
-        assert made.held <= 9
-    with pytest.raises(CloudError, match='points held must be at most max_points = 12'):
-        made.push(points_at(range(10**9, 10**9 + 13)))
 
 
 # A block as the first messages say ----------------------------------------------------------------

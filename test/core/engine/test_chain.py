@@ -15,7 +15,6 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points
 from lidar_outlier_filter.core.verdict import ALL, EXTRA, Verdict
-from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'boosted_trees')
@@ -101,12 +100,6 @@ def test_vote(vote: int, chain: tuple[str, ...]) -> None:
     assert 0 < np.count_nonzero(verdict.rejected) < np.count_nonzero(count) or vote == 1
 
 
-def test_vote_of_more_than_there_are() -> None:
-    """More than the detectors of the chain can never agree."""
-    with pytest.raises(ParameterError, match='vote must be at most the 2 of the chain, got 3'):
-        parameters('lof', 'sor', vote=3)
-
-
 @pytest.mark.parametrize('count', [0, 1, 2, 3, 11, slow(15)])
 def test_too_few_points(count: int) -> None:
     """What cannot be tested is left, and noted for each detector that looked at it."""
@@ -115,20 +108,6 @@ def test_too_few_points(count: int) -> None:
     assert not verdict.rejected.any()
     expected = BITS['lof'] | BITS['sor']
     assert (verdict.undecided & expected == expected).all()
-
-
-@pytest.mark.parametrize('name', [*SPATIAL[1:], slow('quadric')])
-def test_coincident_points(name: str) -> None:
-    """Points that are all the same are no outliers, however many."""
-    points = road(4)
-    same = Points(np.ones_like(points.xyz), points.t, points.line, points.valid)
-    assert not judge(same, name).rejected.any()
-
-
-def test_bits_are_all_different() -> None:
-    """A recorded number says the detectors."""
-    assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32, 64]
-    assert ALL & EXTRA == 0
 
 
 @pytest.mark.parametrize('chain', [('hierarchical',), ('hierarchical', 'elevation')])

@@ -436,32 +436,6 @@ def test_without_equals_a_new_neighbourhood(
         assert_same_lists(lists(neighbourhood, k), lists(Neighbourhood(xyz, 12), k))
 
 
-def test_without_a_region() -> None:
-    """Points that lie together leave: whole nodes are empty, and lists far away are untouched."""
-    rng = np.random.default_rng(22)
-    xyz = rows(rng, 20_000)
-    neighbourhood = Neighbourhood(xyz, 15)
-    neighbourhood.nearest(15)
-    for low in (10.5, 200.5, 390.5):
-        rejected = (xyz[:, 0] > low) & (xyz[:, 0] < low + 20)
-        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
-        assert_sound(neighbourhood)
-        assert_same_lists(lists(neighbourhood, 15), lists(Neighbourhood(xyz, 15), 15))
-
-
-@pytest.mark.parametrize('left', [14, 13, 12, 11, 2])
-def test_without_most_of_a_small_cloud(left: int) -> None:
-    """Around twelve, after which there are fewer others than were asked for."""
-    xyz = lattice(np.random.default_rng(26), 15)
-    neighbourhood = Neighbourhood(xyz, 12)
-    neighbourhood.nearest(12)
-    while len(xyz) > left:
-        rejected = np.arange(len(xyz)) == len(xyz) // 2
-        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
-        k = min(12, len(xyz) - 1)
-        assert_same_lists(lists(neighbourhood, k), naive_lists(xyz, k))
-
-
 def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of lists on a grid of its own far away, none is searched again."""
     rng = np.random.default_rng(23)

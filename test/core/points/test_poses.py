@@ -11,7 +11,7 @@ import pytest
 from helpers.turned_poses import LEVEL, SECOND, START, points, turned
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.core.points.points import Points, concatenate
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import KEPT, SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
 
@@ -39,24 +39,6 @@ def covered(made: Track, *seconds: float) -> list[bool]:
     together: list[bool] = made.move(points(*rows), NOWHERE)[1].tolist()
     assert [made.move(points(row), NOWHERE)[1].item() for row in rows] == together
     return together
-
-
-def test_worked_out_by_hand() -> None:
-    """A vehicle drives 2 m and turns by 90°; the sensor is 1 m ahead on it, and looks left."""
-    made = track((0.0, (10.0, 20.0, 1.0, *LEVEL)), (0.5, (12.0, 20.0, 1.0, *turned(90))))
-    mounting = SensorExtrinsics.at((1, 0, 0), (0, 0, math.pi / 2))
-    given = points((0.0, 3, 0, 0), (0.25, 3, 0, 0), (0.5, 3, 0, 0.5))
-    moved = move(made, given, mounting)
-    # At the start left is +y; half way it is 45° further, at the end it is -x.
-    half = math.sqrt(0.5)
-    expected = [(11, 23, 1), (11 + half - 3 * half, 20 + half + 3 * half, 1), (12 - 3, 21, 1.5)]
-    np.testing.assert_allclose(moved.xyz, expected, atol=1e-12)
-    assert (moved.t == given.t).all()
-    # The distance is that from the sensor, also of a part.
-    np.testing.assert_allclose(moved.range, [3, 3, math.hypot(3, 0.5)])
-    np.testing.assert_allclose(moved.take(slice(2, None)).range, [math.hypot(3, 0.5)])
-    together = concatenate([moved, moved.take(np.array([0]))])
-    np.testing.assert_allclose(together.range, [3, 3, math.hypot(3, 0.5), 3])
 
 
 @pytest.mark.parametrize('seed', range(3))

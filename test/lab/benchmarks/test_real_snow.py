@@ -5,15 +5,12 @@
 import sys
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from helpers import ROOT
 from numpy.typing import NDArray
-
-from lidar_outlier_filter.errors import RecordingError
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 command: Any = import_module('real_snow')
@@ -103,70 +100,6 @@ def test_sweeps_are_rebuilt(folder: Path) -> None:
         time = begin + 55_560 * made.shot + rings.time[made.ring]
         np.testing.assert_array_equal(sweep.time, time)
         begin += SHOTS * 55_560
-
-
-def test_what_is_no_sweep_is_refused(tmp_path: Path) -> None:
-    """Points off the rings, and labels that are not as many, with a sentence that says so."""
-    rings, made = sweeps.read_rings(TABLE), make(0)
-    path = put(tmp_path, '000000', made._replace(xyz=made.xyz + np.array([0, 0, 0.05], 'f4')))
-    with pytest.raises(RecordingError, match=r'the elevations of 000000\.bin must'):
-        sweeps.read_sweep(path, rings)
-    path = put(tmp_path, '000000', made)
-    (tmp_path / 'sequences/36/labels/000000.label').write_bytes(bytes(4))
-    with pytest.raises(RecordingError, match=r'the labels of 000000\.bin must'):
-        sweeps.read_sweep(path, rings)
-
-
-def test_forms(folder: Path) -> None:
-    """Each form has the points that it says; copies know what they are of."""
-    made = make(1)
-    (_, sweep, _) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
-    both, last = (sweeps.cloud(sweep, form) for form in sweeps.FORMS)
-    assert len(both) == len(made.ring)
-    assert len(last) == len(set(zip(made.shot.tolist(), made.ring.tolist(), strict=True)))
-    for one, copies in ((both, made.copy.sum()), (last, 0)):
-        np.testing.assert_array_equal(one.xyz[one.source], one.xyz)
-        assert np.count_nonzero(one.source != np.arange(len(one))) == copies
-
-
-def cloud_of(xyz: Any, label: Any, source: Any = None, intensity: float = 20.0) -> Any:
-    """Make a cloud without rings and times."""
-    position = np.asarray(xyz, np.float32)
-    own = np.arange(len(position)) if source is None else np.asarray(source)
-    bright = np.full(len(position), intensity, np.float32)
-    label = np.asarray(label, np.uint16)
-    return sweeps.Cloud('one', position, bright, label, label, label.astype(np.int64), own)
-
-
-def test_neighbours_of_peers() -> None:
-    """A copy is nobody's neighbour, and has what its own point has."""
-    xyz = np.random.default_rng(1).normal(size=(60, 3)).astype(np.float32)
-    copied = np.array([3, 3, 17])
-    alone = judges.neighbours(cloud_of(xyz, np.zeros(60)))
-    given = cloud_of(np.concatenate([xyz, xyz[copied]]), np.zeros(63), [*range(60), *copied])
-    for mine, its in zip(judges.neighbours(given), alone, strict=True):
-        np.testing.assert_array_equal(mine, np.concatenate([its, its[copied]]))
-    apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
-    np.testing.assert_allclose(alone[0], apart[:, 1:11], rtol=1e-5)
-
-
-def test_the_network_is_asked_as_its_own_code_asks() -> None:
-    """Nine neighbours, itself first, 1 m more than their distance; the larger answer counts."""
-    xyz = np.random.default_rng(1).normal(size=(30, 3))
-    asked: dict[str, Any] = {}
-
-    def run(_names: None, given: dict[str, Any]) -> list[Any]:
-        asked.update(given)
-        first = np.arange(30.0) < 4
-        return [np.column_stack([~first, first]).astype(np.float32)]
-
-    verdict = judges.by_network([cloud_of(xyz, np.zeros(30))], SimpleNamespace(run=run))
-    assert np.flatnonzero(verdict.rejected[0]).tolist() == [0, 1, 2, 3]
-    assert asked['dist'].shape == asked['indices'].shape == (30, 9)
-    np.testing.assert_array_equal(asked['indices'][:, 0], np.arange(30))
-    np.testing.assert_array_equal(asked['dist'][:, 0], 1.0)
-    back = asked['points'] * judges.DEVIATION + judges.MEAN
-    np.testing.assert_allclose(back[:, 3], 20.0, rtol=1e-6)
 
 
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@
 
 import os
 import threading
-from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -13,18 +12,6 @@ import pytest
 from lidar_outlier_lab.results import bench
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
-
-
-def test_works_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One round does not count."""
-    calls: list[str] = []
-    works = [bench.Work(name, 100, partial(calls.append, name)) for name in 'ab']
-    monkeypatch.setattr(bench, 'ROUNDS', 2)
-    bench.measure(works)
-    assert ''.join(calls) == 'ababab'
-    assert [len(work.seconds) for work in works] == [2, 2]
-    works[0].seconds = [1.0, 2.0, 30.0]
-    assert works[0].speed == 100 / 2 / 1e6
 
 
 def test_works_work() -> None:

@@ -91,17 +91,6 @@ def two_outliers(count: int) -> tuple[Floats, Bytes]:
     return xyz, np.array([0] * count + [Cause.SINGLE, Cause.CLUSTER], np.uint8)
 
 
-def test_statistics() -> None:
-    """SOR is the mean distance; SOR2 and LOF2 are distances from the median."""
-    xyz = np.random.default_rng(1).normal(size=(60, 3))
-    found = roc.statistics(Neighbourhood(xyz, 9), 4)
-    apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
-    np.testing.assert_allclose(found['SOR'], apart[:, 1:5].mean(axis=1))
-    for name in ('SOR', 'LOF'):
-        middle = np.median(found[name])
-        np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
-
-
 def test_explored() -> None:
     """Areas, thresholds and medians of a cloud in which a far outlier stands out."""
     xyz, code = two_outliers(300)
