@@ -91,23 +91,27 @@ def add_row(
         target[row, k] += factor * source[other, k]
 
 
-class Vector(types.Type):
+class LaneVector(types.Type):
     """Numba's type of a vector."""
 
     def __init__(self, element: Any) -> None:
         """Name it, by which numba compares types."""
         self.element = element
-        super().__init__(name=f'Vector({element})')
+        super().__init__(name=f'LaneVector({element})')
 
 
-@register_model(Vector)
+@register_model(LaneVector)
 class _Model(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Vector) -> None:
+    def __init__(self, manager: Any, kind: LaneVector) -> None:
         element = manager[kind.element].get_value_type()
         super().__init__(manager, kind, ir.VectorType(element, WIDTH))  # type: ignore[no-untyped-call]
 
 
-SINGLES, COUNTS, MASK = Vector(types.float32), Vector(types.int32), Vector(types.boolean)
+SINGLES, COUNTS, MASK = (
+    LaneVector(types.float32),
+    LaneVector(types.int32),
+    LaneVector(types.boolean),
+)
 _INDEX = ir.IntType(64)
 
 
@@ -140,14 +144,14 @@ def _wide(builder: Any, value: Any, lanes: int = WIDTH) -> Any:
 
 def _element(*kinds: Any) -> Any:
     """Return the one type that all elements and numbers have; None without a vector."""
-    found = {kind.element if isinstance(kind, Vector) else kind for kind in kinds}
-    some = any(isinstance(kind, Vector) for kind in kinds)
+    found = {kind.element if isinstance(kind, LaneVector) else kind for kind in kinds}
+    some = any(isinstance(kind, LaneVector) for kind in kinds)
     return found.pop() if some and len(found) == 1 else None
 
 
 def _same(*kinds: Any) -> Any:
     element = _element(*kinds)
-    return element and Vector(element)
+    return element and LaneVector(element)
 
 
 def _mask(*kinds: Any) -> Any:
@@ -161,7 +165,11 @@ def _define_operators() -> None:
         def wide(_context: Any, builder: Any, _kinds: Any, values: Any) -> Any:
             return make(builder, *(_wide(builder, value) for value in values))
 
-        for kinds in ((Vector, Vector), (Vector, types.Number), (types.Number, Vector)):
+        for kinds in (
+            (LaneVector, LaneVector),
+            (LaneVector, types.Number),
+            (types.Number, LaneVector),
+        ):
             _define(function, 2, returned, wide, *kinds)
 
     define(operator.add, _same, lambda builder, a, b: builder.fadd(a, b))
@@ -270,10 +278,10 @@ def _follow(_context: Any, builder: Any, _kinds: Any, values: Any) -> Any:
 
 
 def _single(_context: Any, builder: Any, kinds: Any, values: Any) -> Any:
-    wanted = ir.VectorType(ir.FloatType(), WIDTH)
+    singles = ir.VectorType(ir.FloatType(), WIDTH)
     if isinstance(kinds[0].element, types.Integer):
-        return builder.sitofp(values[0], wanted)
-    return builder.fptrunc(values[0], wanted)
+        return builder.sitofp(values[0], singles)
+    return builder.fptrunc(values[0], singles)
 
 
 def _select(_context: Any, builder: Any, _kinds: Any, values: Any) -> Any:
@@ -290,10 +298,10 @@ def _no_counts(_context: Any, _builder: Any, _kinds: Any, _values: Any) -> Any:
 
 
 _define_operators()
-_define(abs, 1, lambda a: a if a == SINGLES else None, _without_sign, Vector)
-_define(load, 2, lambda values, _at: Vector(values.dtype), _load)
+_define(abs, 1, lambda a: a if a == SINGLES else None, _without_sign, LaneVector)
+_define(load, 2, lambda values, _at: LaneVector(values.dtype), _load)
 _define(store, 3, lambda *_: types.void, _store)
-_define(take, 5, lambda values, *_: Vector(values.dtype), _take)
+_define(take, 5, lambda values, *_: LaneVector(values.dtype), _take)
 _define(follow, 1, lambda _: types.boolean, _follow)
 _define(repeat, 1, lambda _: SINGLES, lambda _, builder, _kinds, values: _wide(builder, *values))
 _define(single, 1, lambda _: SINGLES, _single)
