@@ -2,13 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clouds and the weathers that can be simulated by name. Their makers are imported late."""
 
+from __future__ import annotations
+
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.simulation.world.recording import Cloud
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from lidar_outlier_lab.simulation.world.recording import Cloud
 
 
 @dataclass(frozen=True)

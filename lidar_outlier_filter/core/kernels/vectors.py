@@ -121,9 +121,15 @@ def _define(function: Any, arity: int, returned: Any, make: Any, *kinds: Any) ->
     ``returned`` takes their types and gives that of the result, None where there is no vector;
     ``make`` writes the code, and gets the context, a builder, these types and the values.
     """
-    names = ', '.join('abcdef'[:arity])
     # numba wants to know how many there are.
-    typer = eval(f'lambda {names}: returned({names})', {'returned': returned})  # noqa: S307
+    typer = {
+        0: lambda: returned(),  # noqa: PLW0108
+        1: lambda a: returned(a),  # noqa: PLW0108
+        2: lambda a, b: returned(a, b),  # noqa: PLW0108
+        3: lambda a, b, c: returned(a, b, c),  # noqa: PLW0108
+        5: lambda a, b, c, d, e: returned(a, b, c, d, e),  # noqa: PLW0108
+        6: lambda a, b, c, d, e, f: returned(a, b, c, d, e, f),  # noqa: PLW0108
+    }[arity]
     type_callable(function)(lambda _context: typer)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
