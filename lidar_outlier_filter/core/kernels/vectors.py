@@ -122,7 +122,7 @@ def _define(function: Any, arity: int, returned: Any, make: Any, *kinds: Any) ->
     ``make`` writes the code, and gets the context, a builder, these types and the values.
     """
     # numba wants to know how many there are.
-    typer = {
+    typer: Any = {
         0: lambda: returned(),  # noqa: PLW0108
         1: lambda a: returned(a),  # noqa: PLW0108
         2: lambda a, b: returned(a, b),  # noqa: PLW0108
