@@ -28,7 +28,7 @@ from lidar_outlier_lab.results.peers import distances
 from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import Sample, simulated
 
-Cloud = tuple[str, Floats, Bools]
+Cloud = tuple[str, Floats, Bools]  # name, positions, which points are outliers
 Figures = dict[str, dict[str, list[Confusion]]]
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 from lidar_outlier_filter.evaluation.truth import Cause
 
 Panel = Callable[[Axes, 'Shown'], str]
-View = tuple[tuple[float, ...], tuple[float, ...]]
+View = tuple[tuple[float, ...], tuple[float, ...]]  # the eye's place, and what it looks at
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small

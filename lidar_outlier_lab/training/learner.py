@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
-Learner = Any
+Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
 
 DEPTH = 3  # questions from the root of a tree to a value
 RATE = 0.2

@@ -20,7 +20,7 @@ from lidar_outlier_lab.simulation.world.drive import simulate
 from lidar_outlier_lab.simulation.world.recording import messages
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 
-Lay = Callable[[Rows, int, SpinningScanner], bytes]
+Lay = Callable[[Rows, int, SpinningScanner], bytes]  # points, nanoseconds of the first shot
 
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 TURN = 100_000_000  # nanoseconds

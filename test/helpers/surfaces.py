@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Floats
 
 Rng = np.random.Generator
-Surface = tuple[Floats, Floats]
+Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each
 
 NOISE = 0.008  # metres
 

@@ -28,7 +28,7 @@ from lidar_outlier_lab.results.papers.methods import (
 from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
 from lidar_outlier_lab.results.samples import Sample, simulated
 
-Table = Mapping[str, Sequence[Counted]]
+Table = Mapping[str, Sequence[Counted]]  # by the name of a form; of A, B and C
 
 CLOUDS = ('leslar-a', 'leslar-b', 'leslar-c')
 TITLES = {

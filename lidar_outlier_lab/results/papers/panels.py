@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
-Limits = tuple[tuple[float, float], tuple[float, float]]
+Limits = tuple[tuple[float, float], tuple[float, float]]  # of x and of y
 
 WIDTH, DPI = 14.0, 90  # inches; dots per inch
 COLOURS = 64  # of the palette: keeps the file small

@@ -21,7 +21,7 @@ from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes
 
 MakeWeather = Callable[['_Sweep'], BothEchoes]
-Position = tuple[float, float]
+Position = tuple[float, float]  # level, metres
 Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
 
 ONE_RETURN = ('strongest', 'first', 'last')

@@ -12,7 +12,7 @@ from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.evaluation.truth import Kind
 
-Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]
+Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
 
 MARCH = 0.4  # metres that a ray is followed at a time before it is below something
 BLOCK = 16  # corners to a side, of the squares that a ray is led over at once
