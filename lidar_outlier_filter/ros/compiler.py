@@ -40,12 +40,12 @@ class Compiler:
         ready: Callable[[FilterParameters], object],
         inform: Callable[[str], object],
         warn: Callable[[str], object],
-        between_blocks: Callable[[Callable[[], None]], object],
+        between_clouds: Callable[[Callable[[], None]], object],
     ) -> None:
         """Call ``ready`` with parameters whose kernels are; two others with sentences."""
         self.compiling = ''
         self._ready, self._inform, self._warn = ready, inform, warn
-        self._between_blocks = between_blocks
+        self._between_clouds = between_clouds
         self._lock = threading.RLock()
         self._requested: FilterParameters | None = None
         self._now: FilterParameters | None = None  # whose chain filters until then
@@ -101,7 +101,7 @@ class Compiler:
             self._replace_portable(parameters, processes)
 
     def _replace_portable(self, parameters: FilterParameters, before: Processes) -> None:
-        """Compile beside the filter for this very processor; that takes over between two blocks."""
+        """Compile beside the filter for this very processor; that takes over between two clouds."""
         with self._lock:
             if before.is_stopped:
                 return
@@ -118,7 +118,7 @@ class Compiler:
             replace()
             self._inform(f'kernels for this processor, compiled beside for {took:.0f} s, take over')
 
-        self._between_blocks(take_over)
+        self._between_clouds(take_over)
 
     def _take_over(self, parameters: FilterParameters) -> None:
         if self.compiling and self._now is not None:

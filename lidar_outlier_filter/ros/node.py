@@ -109,7 +109,7 @@ class OutlierFilterNode(TunableNode):
             self._take_over,
             self.get_logger().info,
             self.get_logger().warning,
-            self._between_blocks,
+            self._between_clouds,
         )
         self._is_started = self._is_ready = False
         self._show: Show | None = None
@@ -210,7 +210,7 @@ class OutlierFilterNode(TunableNode):
             for channel in self.channels:
                 channel.worker.kernels_are_ready()
 
-    def _between_blocks(self, command: Callable[[], None]) -> None:
+    def _between_clouds(self, command: Callable[[], None]) -> None:
         for channel in self.channels[:1]:
             channel.worker.between_clouds(command)
 

@@ -118,7 +118,7 @@ def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
 def test_portable_kernels_are_replaced_beside_the_filter(
     loading: Loading, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They take over at once; those of the host between two blocks, and that is said once."""
+    """They take over at once; those of the host between two clouds, and that is said once."""
     steps: queue.SimpleQueue[str] = queue.SimpleQueue()
     compiled = threading.Event()
 

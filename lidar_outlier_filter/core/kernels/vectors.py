@@ -8,6 +8,7 @@ bit by bit. Where kernels are not compiled, vectors are arrays of numpy.
 
 from __future__ import annotations
 
+import inspect
 import operator
 from typing import TYPE_CHECKING, Any
 
@@ -115,27 +116,25 @@ SINGLES, COUNTS, MASK = (
 _INDEX = ir.IntType(64)
 
 
-def _define(function: Any, arity: int, returned: Any, make: Any, *kinds: Any) -> None:
-    """Let kernels call a function of so many arguments, of the given kinds or any.
+def _define(function: Any, returned: Any, make: Any, *kinds: Any) -> None:
+    """Let kernels call a function with arguments of the given kinds, or any.
 
     ``returned`` takes their types and gives that of the result, None where there is no vector;
     ``make`` writes the code, and gets the context, a builder, these types and the values.
     """
-    # numba wants to know how many there are.
-    typer: Any = {
-        0: lambda: returned(),  # noqa: PLW0108
-        1: lambda a: returned(a),  # noqa: PLW0108
-        2: lambda a, b: returned(a, b),  # noqa: PLW0108
-        3: lambda a, b, c: returned(a, b, c),  # noqa: PLW0108
-        5: lambda a, b, c, d, e: returned(a, b, c, d, e),  # noqa: PLW0108
-        6: lambda a, b, c, d, e, f: returned(a, b, c, d, e, f),  # noqa: PLW0108
-    }[arity]
+
+    def typer(*given: Any) -> Any:
+        return returned(*given)
+
+    # numba asks it how many arguments there are.
+    arguments = typer.__signature__ = inspect.signature(function)  # type: ignore[attr-defined]
     type_callable(function)(lambda _context: typer)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return make(context, builder, signature.args, values)
 
-    lower_builtin(function, *(kinds or (types.Any,) * arity))(generate)  # type: ignore[no-untyped-call]
+    any_kinds = (types.Any,) * len(arguments.parameters)
+    lower_builtin(function, *(kinds or any_kinds))(generate)  # type: ignore[no-untyped-call]
 
 
 def _wide(builder: Any, value: Any, lanes: int = WIDTH) -> Any:
@@ -176,16 +175,16 @@ def _define_operators() -> None:
             (LaneVector, types.Number),
             (types.Number, LaneVector),
         ):
-            _define(function, 2, returned, wide, *kinds)
+            _define(function, returned, wide, *kinds)
 
-    define(operator.add, _same, lambda builder, a, b: builder.fadd(a, b))
-    define(operator.sub, _same, lambda builder, a, b: builder.fsub(a, b))
-    define(operator.mul, _same, lambda builder, a, b: builder.fmul(a, b))
-    define(operator.truediv, _same, lambda builder, a, b: builder.fdiv(a, b))
+    define(operator.add, _same, ir.IRBuilder.fadd)
+    define(operator.sub, _same, ir.IRBuilder.fsub)
+    define(operator.mul, _same, ir.IRBuilder.fmul)
+    define(operator.truediv, _same, ir.IRBuilder.fdiv)
     define(operator.lt, _mask, lambda builder, a, b: builder.fcmp_ordered('<', a, b))
     define(operator.le, _mask, lambda builder, a, b: builder.fcmp_ordered('<=', a, b))
     define(operator.gt, _mask, lambda builder, a, b: builder.fcmp_ordered('>', a, b))
-    define(operator.and_, _same, lambda builder, a, b: builder.and_(a, b))
+    define(operator.and_, _same, ir.IRBuilder.and_)
 
     def smaller(builder: Any, a: Any, b: Any) -> Any:
         return builder.select(builder.fcmp_ordered('<', b, a), b, a)
@@ -304,14 +303,14 @@ def _no_counts(_context: Any, _builder: Any, _kinds: Any, _values: Any) -> Any:
 
 
 _define_operators()
-_define(abs, 1, lambda a: a if a == SINGLES else None, _without_sign, LaneVector)
-_define(load, 2, lambda values, _at: LaneVector(values.dtype), _load)
-_define(store, 3, lambda *_: types.void, _store)
-_define(take, 5, lambda values, *_: LaneVector(values.dtype), _take)
-_define(follow, 1, lambda _: types.boolean, _follow)
-_define(repeat, 1, lambda _: SINGLES, lambda _, builder, _kinds, values: _wide(builder, *values))
-_define(single, 1, lambda _: SINGLES, _single)
-_define(select, 3, lambda *_: SINGLES, _select)
-_define(no_counts, 0, lambda: COUNTS, _no_counts)
-_define(count, 2, lambda *_: COUNTS, _count)
-_define(add_row, 6, lambda *_: types.void, _add_row)
+_define(abs, lambda a: a if a == SINGLES else None, _without_sign, LaneVector)
+_define(load, lambda values, _at: LaneVector(values.dtype), _load)
+_define(store, lambda *_: types.void, _store)
+_define(take, lambda values, *_: LaneVector(values.dtype), _take)
+_define(follow, lambda _: types.boolean, _follow)
+_define(repeat, lambda _: SINGLES, lambda _, builder, _kinds, values: _wide(builder, *values))
+_define(single, lambda _: SINGLES, _single)
+_define(select, lambda *_: SINGLES, _select)
+_define(no_counts, lambda: COUNTS, _no_counts)
+_define(count, lambda *_: COUNTS, _count)
+_define(add_row, lambda *_: types.void, _add_row)
