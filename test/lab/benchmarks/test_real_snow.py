@@ -5,12 +5,14 @@
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from helpers import ROOT
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 command: Any = import_module('real_snow')
@@ -100,6 +102,53 @@ def test_sweeps_are_rebuilt(folder: Path) -> None:
         time = begin + 55_560 * made.shot + rings.time[made.ring]
         np.testing.assert_array_equal(sweep.time, time)
         begin += SHOTS * 55_560
+
+
+def test_forms(folder: Path) -> None:
+    """All points, or the last return of each laser; copies know what they are of."""
+    made = make(1)
+    (_, sweep, _) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
+    both, last = (sweeps.cloud(sweep, form) for form in sweeps.FORMS)
+    assert len(both) == len(made.ring)
+    assert len(last) == len(set(zip(made.shot.tolist(), made.ring.tolist(), strict=True)))
+    for one, copies in ((both, made.copy.sum()), (last, 0)):
+        np.testing.assert_array_equal(one.xyz[one.source], one.xyz)
+        assert np.count_nonzero(one.source != np.arange(len(one))) == copies
+
+
+def test_neighbours_of_peers(folder: Path) -> None:
+    """Ten for rules, 20 for SOR and LOF; a copy is nobody's neighbour."""
+    (sweep, *_) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
+    cloud = sweeps.cloud(sweep, 'both')
+    own = cloud.source == np.arange(len(cloud))
+    xyz = cloud.xyz[own].astype(float)
+    distance = cKDTree(xyz).query(xyz, 21)[0][:, 1:]
+    mean = distance.mean(axis=1)
+    expected = distance[:, :10], (mean - mean.mean()) / mean.std(), judges.peers.lof(xyz, 20)
+    for found, its in zip(judges.neighbours(cloud), expected, strict=True):
+        np.testing.assert_allclose(found[own], its, rtol=1e-4, atol=1e-6)
+        np.testing.assert_array_equal(found, found[cloud.source])
+
+
+def test_the_network_is_asked_as_its_own_code_asks(folder: Path) -> None:
+    """Nine neighbours, copies too, 1 m more than their distance; the larger answer counts."""
+    (sweep, *_) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
+    cloud = sweeps.cloud(sweep, 'both')
+    asked: dict[str, Any] = {}
+
+    def run(_names: None, given: dict[str, Any]) -> list[Any]:
+        asked.update(given)
+        first = np.arange(len(cloud)) < 4
+        return [np.column_stack([~first, first]).astype(np.float32)]
+
+    (rejected,) = judges.by_network([cloud], SimpleNamespace(run=run)).rejected
+    assert np.flatnonzero(rejected).tolist() == [0, 1, 2, 3]
+    expected = cKDTree(cloud.xyz).query(cloud.xyz, 9)[0]
+    np.testing.assert_allclose(asked['dist'], 1 + expected, rtol=1e-6)
+    apart = np.linalg.norm(cloud.xyz[asked['indices']] - cloud.xyz[:, None], axis=2)
+    np.testing.assert_allclose(apart, expected, atol=1e-4)
+    back = asked['points'] * judges.DEVIATION + judges.MEAN
+    np.testing.assert_allclose(back[:, 3], cloud.intensity, atol=1e-5)
 
 
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
