@@ -45,8 +45,8 @@ def add_compile(commands: Commands) -> None:
     parser.add_argument(
         '--portable',
         action='store_true',
-        help=f'for all processors that are {PORTABLE}, as a wheel brings them: into folders '
-        '"portable" beside the sources',
+        help=f'those of all detectors of the package, too, for all processors that are {PORTABLE}, '
+        'as a wheel brings them: into folders "portable" beside the sources',
     )
     parser.set_defaults(run=_compile)
 
@@ -58,7 +58,8 @@ def _compile(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, load, shares
 
     CacheFile.allows_portable = False
-    requested, work = _requested(options.chain), list[KernelShare]()
+    requested = _requested(options.chain, portable=options.portable)
+    work = list[KernelShare]()
     for parameters in requested:
         # What is on disk already, in whatever order it was written, is not done again.
         if not load(parameters, explain=True):
@@ -85,8 +86,9 @@ def _compile(options: argparse.Namespace) -> int:
     return INCOMPLETE if errors else DONE
 
 
-def _requested(chain: str | None) -> list[FilterParameters]:
+def _requested(chain: str | None, *, portable: bool) -> list[FilterParameters]:
     """Return the parameters of the chain that was asked for, or of all that the package brings."""
+    from lidar_outlier_filter.core.detectors.builtin import BUILTIN
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
@@ -94,8 +96,9 @@ def _requested(chain: str | None) -> list[FilterParameters]:
         return [FilterParameters().changed({'chain': chain.split(',')})]
     known = FilterParameters().flat()
     files = [read_yaml(path) for path in _shipped()]
+    first = FilterParameters().changed({'chain': [*BUILTIN]}) if portable else FilterParameters()
     return [
-        FilterParameters(),
+        first,
         FilterParameters().changed({'boosted_trees.sensor': 'survey'}),  # for `clean`
         *(FilterParameters().changed({k: file[k] for k in file if k in known}) for file in files),
     ]

@@ -16,6 +16,7 @@ from numba import njit
 
 from lidar_outlier_filter.cli.compile import _requested
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, installed
@@ -182,7 +183,14 @@ def test_surveys_are_compiled_once() -> None:
     """Their kernels are the same for all sensors, and `compile` makes them, too."""
     survey = parameters('boosted_trees', **{'boosted_trees.sensor': 'survey'})
     assert [share.sensors for share in shares(survey)] == [SENSORS]
-    assert survey in _requested(None)
+    assert survey in _requested(None, portable=False)
+
+
+def test_a_wheel_brings_all_detectors() -> None:
+    """Portable kernels are compiled for each of them, and for each chain that ships."""
+    requested = _requested(None, portable=True)
+    assert {name for one in requested for name in one.chain} == set(BUILTIN)
+    assert all(one in requested for one in _requested(None, portable=False)[1:])
 
 
 def test_an_unknown_detector_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
