@@ -4,15 +4,13 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Ints, Singles
+from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.vectors import (
     WIDTH,
     count,
-    follow,
     least,
     load,
     most,
@@ -21,7 +19,6 @@ from lidar_outlier_filter.core.kernels.vectors import (
     select,
     single,
     store,
-    take,
 )
 
 TWO = np.float32(2.0)
@@ -39,13 +36,6 @@ def _calculate(a: Singles, b: Singles, wide: NDArray[np.float64], out: Singles) 
     )
     for row in range(len(rows)):
         store(out, row * WIDTH, rows[row])
-
-
-@kernel
-def _take(values: Singles, places: Ints, off: int, out: Singles) -> bool:
-    in_step = follow(load(places, 0))
-    store(out, 0, take(values, places, 0, off, in_step))
-    return in_step
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -70,17 +60,3 @@ def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
             # A number that is none has any sign.
             same = np.isnan(got) and np.isnan(number)
             assert same or np.float32(got).tobytes() == np.float32(number).tobytes()
-
-
-@pytest.mark.parametrize('kind', [np.int32, np.int64])
-def test_values_are_taken_wherever_they_are(kind: type) -> None:
-    """Together where places follow each other, else one by one; as numpy does."""
-    values, out = np.arange(100, dtype=np.float32), np.empty(WIDTH, np.float32)
-    for places in (np.arange(30, 30 + WIDTH), np.arange(60, 60 - WIDTH, -1), np.full(WIDTH, 50)):
-        in_step = _take(values, places.astype(kind), -5, out)
-        assert in_step == (places[1] == places[0] + 1)
-        assert_array_equal(out, values[places - 5])
-    almost = np.arange(30, 30 + WIDTH)
-    almost[-1] += 1
-    assert not _take(values, almost.astype(kind), 3, out)
-    assert_array_equal(out, values[almost + 3])
