@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
 # of near points are rounded.
 NOISE = np.pi / 6
+FEW_LINES = 1024  # that go back in time: more are sorted at once
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
@@ -52,8 +53,12 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     low, high = int(line.min()), int(line.max())
     # Lines are numbered densely in all but odd streams: counting beats sorting there.
     if high - low <= 4 * len(t) + 1024:
-        order, ordered = _count_lines(line, t, low, high - low + 1)
-        if ordered:
+        order, first, back = _count_lines(line, t, low, high - low + 1)
+        if len(back) <= FEW_LINES:
+            # Of rows of a range image, each is in two pieces: numpy joins them.
+            for begin, end in zip(first[back], first[back + 1], strict=True):
+                part = order[begin:end]
+                order[begin:end] = part[np.argsort(t[part], kind='stable')]
             return order
     return np.lexsort((t, line)).astype(np.int64)
 
@@ -104,22 +109,25 @@ def has_lines(points: Points) -> bool:
 @kernel
 def _count_lines(
     line: NDArray[np.int64], t: NDArray[np.int64], low: int, count: int
-) -> tuple[NDArray[np.int64], bool]:
-    """Sort stably by line with a counting sort; return also whether no line goes back in time."""
-    rank = np.zeros(count + 1, np.int64)
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Sort stably by line with a counting sort.
+
+    Returns the order, where each line begins in it, and which lines go back in time.
+    """
+    first = np.zeros(count + 1, np.int64)
     for i in range(len(line)):
-        rank[line[i] - low + 1] += 1
+        first[line[i] - low + 1] += 1
     for j in range(count):
-        rank[j + 1] += rank[j]
-    order, ordered = np.empty(len(line), np.int64), True
-    latest = np.full(count, t.min())
+        first[j + 1] += first[j]
+    order, back = np.empty(len(line), np.int64), np.zeros(count, np.bool_)
+    rank, latest = first.copy(), np.full(count, t.min())
     for i in range(len(line)):
         j = line[i] - low
         order[rank[j]] = i
         rank[j] += 1
-        ordered &= t[i] >= latest[j]
+        back[j] |= t[i] < latest[j]
         latest[j] = t[i]
-    return order, ordered
+    return order, first, np.flatnonzero(back)
 
 
 @kernel

@@ -41,7 +41,7 @@ MIN_CELLS = 30  # of them between two edges; fewer show nothing
 BRIGHTEST = np.float32(8.0)
 
 
-def brightness(order: Ints, reach: Singles, intensity: Singles) -> Singles:
+def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0) -> Singles:
     """Return the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
 
     Parameters
@@ -49,29 +49,57 @@ def brightness(order: Ints, reach: Singles, intensity: Singles) -> Singles:
     order : (M,) which of the N points is at each cell; -1 for none
     reach : (M,) metres
     intensity : (N,) of the points; NaN and less than 0 are unknown
+    threads : at most so many at once; 0 for as many as there are cores
 
     """
-    bright = np.empty(len(order), np.float32)
-    shown = SAMPLED_EVERY * np.flatnonzero(order[::SAMPLED_EVERY] >= 0)
-    value = intensity[order[shown]]
-    shown, value = shown[value >= 0], value[value >= 0]
-    between = np.searchsorted(EDGES, reach[shown])
-    usual = np.zeros(len(EDGES) + 1, np.float32)  # 0 where there are too few
-    for b in np.flatnonzero(np.bincount(between) >= MIN_CELLS):
-        usual[b] = np.median(value[between == b])
-    _compare(order, reach, intensity, usual, bright)
+    bright, usual = np.empty(len(order), np.float32), _usual(order, reach, intensity)
+    pool.run(
+        lambda i, j: _compare(order, reach, intensity, usual, i, j, bright),
+        *(len(order), AT_ONCE, threads),
+    )
     return bright
 
 
 @kernel
+def _usual(order: Ints, reach: Singles, intensity: Singles) -> Singles:
+    """Return the median intensity from each edge to the next; 0 where too few cells show it."""
+    usual = np.zeros(len(EDGES) + 1, np.float32)
+    value = np.empty(len(order) // SAMPLED_EVERY + 1)
+    between, some, shown = np.empty(len(value), np.int64), np.empty(len(value) + 1), 0
+    for k in range(0, len(order), SAMPLED_EVERY):
+        i = order[k]
+        if i >= 0 and intensity[i] >= 0:
+            value[shown], between[shown] = intensity[i], np.searchsorted(EDGES, reach[k])
+            shown += 1
+    for b in range(len(usual)):
+        count = 0
+        for m in range(shown):
+            some[count] = value[m]
+            count += between[m] == b
+        if count >= MIN_CELLS:
+            usual[b] = median(some, count)
+    return usual
+
+
+@kernel
 def _compare(
-    order: Ints, reach: Singles, intensity: Singles, usual: Singles, bright: Singles
+    order: Ints,
+    reach: Singles,
+    intensity: Singles,
+    usual: Singles,
+    begin: int,
+    end: int,
+    bright: Singles,
 ) -> None:
     """Divide intensities by what is usual."""
-    for k in range(len(order)):
-        i, b = order[k], 0
-        for edge in range(len(EDGES)):
-            b += EDGES[edge] < reach[k]
+    b = 0
+    for k in range(begin, end):
+        i = order[k]
+        # Ranges change little from one return to the next.
+        while b < len(EDGES) and EDGES[b] < reach[k]:
+            b += 1
+        while b > 0 and not EDGES[b - 1] < reach[k]:
+            b -= 1
         known = i >= 0 and usual[b] > 0 and intensity[i] >= 0
         bright[k] = min(intensity[i] / usual[b], BRIGHTEST) if known else UNKNOWN
 
@@ -160,7 +188,7 @@ def find_pattern(
         *(len(rank), lines_at_once(len(rank), len(points)), threads),
     )
     if points.intensity is not None:
-        bright = brightness(placed.order, placed.range, points.intensity)
+        bright = brightness(placed.order, placed.range, points.intensity, threads)
         return placed._replace(bright=bright)
     return placed
 
