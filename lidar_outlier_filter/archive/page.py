@@ -45,7 +45,7 @@ PAGE = 'archive.html'
 MARK = '<meta name="generator" content="lidar_outlier_filter {}">'
 _OPEN, _SEAL_LENGTH = MARK.partition('{}')[0], 64
 MAX_BARS = 400
-HEIGHT, FAILED_HEIGHT = 60, 6  # of the chart, and of a failed recording's bar
+HEIGHT, BELOW = 60, 6  # of the chart: above its line, and below it, where failed recordings are
 MAX_SHOWN = 1000  # rows at first: ten times as many take a browser seconds
 MAX_NAMED = 3  # versions and parameters
 REPORT = '_report.html'  # after the name of an output: the page of `report`
@@ -199,17 +199,20 @@ def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
     while group := list(islice(numbers, each)):
         bars.append(max(group, key=lambda n: (rows[n].is_failed, REJECTED.value(rows[n]))))
     yield '<figure>'
-    yield f'<svg viewBox="0 0 {len(bars)} {HEIGHT}" preserveAspectRatio="none" role="img">'
+    box = f'viewBox="0 0 {len(bars)} {HEIGHT + BELOW}"'
+    yield f'<svg {box} preserveAspectRatio="none" role="img">'
     yield '<title>Share of the points rejected</title>'
+    yield f'<line x2="{len(bars)}" y1="{HEIGHT}" y2="{HEIGHT}"/>'
     for x, number in enumerate(bars):
         row = rows[number]
         high = max(1.0, HEIGHT * REJECTED.value(row) / highest)
+        top = HEIGHT - high
         if row.is_failed:
-            high = FAILED_HEIGHT
+            top, high = HEIGHT + 1, BELOW - 1
         kind = 'failed' if row.is_failed else 'odd' if row.odd else 'plain'
         title = f'{row.record.source}: {row.record.error or percent(REJECTED.value(row))}'
         yield (
-            f'<a href="#r{number}"><rect class="{kind}" x="{x + 0.1}" y="{HEIGHT - high:.1f}" '
+            f'<a href="#r{number}"><rect class="{kind}" x="{x + 0.1}" y="{top:.1f}" '
             f'width="0.8" height="{high:.1f}"><title>{_safe(title)}</title></rect></a>'
         )
     text = f'the largest of {each} {what}s each' if each > 1 else f'one {what} each'
@@ -217,7 +220,7 @@ def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
     yield (
         f'<figcaption>Share of the points rejected, by name of the {what}, {text}; the highest '
         f'bar is {percent(highest)}. <i class="plain"></i>usual <i class="odd"></i>odd '
-        '<i class="failed"></i>failed, without a share</figcaption></figure>'
+        '<i class="failed"></i>failed: below the line, without a share</figcaption></figure>'
     )
 
 

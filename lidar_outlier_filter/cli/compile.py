@@ -55,6 +55,7 @@ def _compile(options: argparse.Namespace) -> int:
     if options.portable:  # before numba is there, and for the processes that this one starts
         os.environ.update(NUMBA_CPU_NAME=PORTABLE, NUMBA_CPU_FEATURES='')
     from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, complaints
+    from lidar_outlier_filter.core.kernels.threads import cores
     from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, load, shares
 
     CacheFile.allows_portable = False
@@ -72,6 +73,9 @@ def _compile(options: argparse.Namespace) -> int:
             if not sys.stderr.isatty():
                 say(f'compiled {done} of {total}: {text}')
 
+        if work:
+            parts = '; '.join(share.text for share in work)
+            say(f'compiling {len(work)} parts, {cores()} at once, for a minute or more: {parts}')
         bar(0, len(work))
         try:
             errors = processes.run(work, advance)

@@ -51,14 +51,20 @@ def say(sentence: str) -> None:
 
 
 def show(*parts: object) -> None:
-    """Print lines, each as it is, and tables to stdout."""
+    """Print lines, each as it is, and tables to stdout.
+
+    A table that is only numbers is never cut: it goes beyond a narrow terminal instead.
+    """
     from rich.console import Console
+    from rich.table import Table
 
     console = Console()
     for part in parts:
         if isinstance(part, str):
             console.print(printable(part), markup=False, highlight=False, soft_wrap=True)
         else:
+            if isinstance(part, Table) and all(column.no_wrap for column in part.columns):
+                console.width = max(console.width, Console(width=999).measure(part).maximum)
             console.print(part)
 
 

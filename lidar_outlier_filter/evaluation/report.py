@@ -189,6 +189,8 @@ def tables(result: Evaluation) -> list[Table]:
     for title, groups in (('range', result.ranges), ('detector', result.detectors)):
         if groups:
             answer.append(_groups(title, groups))
+    for table in answer:
+        table.padding = (0, 1, 0, 0)  # in 80 columns
     return answer
 
 
@@ -234,7 +236,6 @@ def _shares(title: str, shares: Mapping[str, Share]) -> Table:
 
 def _groups(title: str, groups: Mapping[str, Confusion]) -> Table:
     answer = number_table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
-    answer.padding = (0, 1, 0, 0)  # in 80 columns, with the longest name
     for name, one in groups.items():
         ratios = (one.recall.ratio, one.precision.ratio, one.f1)
         lost = (f'{one.lost:,}', percent(one.false_rejections.ratio))

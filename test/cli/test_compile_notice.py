@@ -12,6 +12,10 @@ import pytest
 from helpers.watching import fresh_copy
 
 from lidar_outlier_filter.cli import compile as compile_notice
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.cli.terminal import Advance
+from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
+from lidar_outlier_filter.pipeline import compiling
 
 PACKAGE = 'lidar_outlier_filter'
 
@@ -32,6 +36,27 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
     )
     assert first.count(f'{compile_notice.SENTENCE}\n') == 1
     assert 'compiled' not in second
+
+
+def test_what_is_compiled_is_said_before(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command names all parts before the first, which takes a while, is done."""
+    said: list[str] = []
+
+    def run(_self: object, work: list[object], advance: Advance) -> list[str]:
+        said.append(capsys.readouterr().err)
+        advance(1, len(work), 'lof')
+        return []
+
+    monkeypatch.setattr(compiling, 'load', lambda *_, **__: False)
+    monkeypatch.setattr(compiling.Processes, 'run', run)
+    monkeypatch.setattr(CacheFile, 'allows_portable', CacheFile.allows_portable)
+    assert main(['compile', '--chain', 'lof,sor']) == 0
+    (before,) = said
+    assert before.startswith('compiling 2 parts, ')
+    assert before.endswith(': lof; sor\n')
+    assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')
 
 
 def test_compiling_is_said_once(

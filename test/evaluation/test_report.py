@@ -12,6 +12,7 @@ import pytest
 from helpers.labelled import BAD, REJECTED, TRUTH
 from rich.console import Console
 
+from lidar_outlier_filter.cli.terminal import show
 from lidar_outlier_filter.evaluation.confusion import Confusion, Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, Judged
 from lidar_outlier_filter.evaluation.report import evaluate, percent, tables, to_json
@@ -87,6 +88,24 @@ def test_by_hand() -> None:
         'lof 3 1 33.33 % 50.00 % 40.00 % 1 20.00 %',
     ):
         assert line in printed
+
+
+@pytest.mark.parametrize('total', [5_000_000, 99_000_000])
+def test_small_shares_are_whole(total: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """They fit into 80 columns; of very many points they go beyond, and no digit is cut."""
+    counts = Confusion(found=7321, missed=400, lost=21, kept=total)
+    result = replace(
+        evaluate(POINTS, CAUSES),
+        whole=counts,
+        causes={'near surface': Share(21, total)},
+        detectors={'alpha_beta_gamma': counts},
+        stretches=np.array([[1, 0, 1, total]]),
+    )
+    show(*tables(result))
+    printed = capsys.readouterr().out
+    assert '…' not in printed
+    assert f'{total:,}' in printed
+    assert max(map(len, printed.splitlines())) <= (80 if total < 1e7 else 99)
 
 
 @pytest.mark.parametrize('kept', [BAD, ~BAD])

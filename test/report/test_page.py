@@ -193,7 +193,7 @@ def test_a_group_of_one_point(desktop: Page) -> None:
     why = text_of(desktop, '#point .why')
     assert f'alone: nearest return {float(distance[1]):.1f} m' in why
     known = dict(desktop.evaluate('report.data().header.features.map(([a, b]) => [b, a])'))
-    assert any(f'{text} ({name}, +' in why for text, name in known.items())
+    assert any(f'{text} {name}, +' in why for text, name in known.items())
     # Neither the picture nor the page moved.
     desktop.locator('#groups li:last-child button').click()
     after = desktop.evaluate("document.querySelector('#canvas').getBoundingClientRect().top")
@@ -520,6 +520,9 @@ def test_everybody_can_read_it(
         assert found['faint'] == []
         assert found['nowhere'] == []
         assert page.evaluate('document.documentElement.scrollWidth') <= size[0]
+        assert text_of(page, '.kind') == 'lidar-outlier-filter · report'
+        scale = page.eval_on_selector('#charts canvas', 'map => map.clientWidth / map.width')
+        assert 15 * scale > 11  # pixels of the labels of the map
         for name in ('yaml', 'lines'):
             text = page.locator(f'#{name}').bounding_box()
             button = page.locator(f'[data-copy={name}]').bounding_box()

@@ -85,8 +85,8 @@ export class Charts {
       ? `Rejected points from above${header.path.length ? '; blue: the path of the sensor' : ''}.` : 'Rejected points from above, in the frame of the clouds.');
     this.map.svg.remove();
     const canvas = node('canvas', { role: 'img', 'aria-label': 'Map of the rejected points, from above' });
-    this.plan = new Map2D(canvas, header, data.frames, box);
     this.map.caption.after(canvas);
+    this.plan = new Map2D(canvas, header, data.frames, box);
   }
 
   update(state) {

@@ -5,7 +5,10 @@
 
 import { inFile, unitOf, visitSample } from 'data';
 
-const [WIDTH, HEIGHT, LEFT, BELOW] = [840, 430, 88, 34]; // pixels; of the axes: to the left, and below
+const [WIDE, NARROW] = [[840, 430], [420, 320]]; // pixels of a map; the browser scales it to the page
+const NARROWEST = 560; // pixels on the page of a wide map: in less its labels are too small to read
+const [LEFT, BELOW] = [88, 34]; // pixels of the axes: to the left, and below
+const TICK = 125; // pixels from number to number, at least
 const LONGEST = 130; // pixels of a scale bar
 const MOST = 60000; // points that no step rejects
 const DOT = 3; // pixels of a rejected point
@@ -35,12 +38,12 @@ export function scaleBar(header, metresPerPixel) {
 
 export class Map2D {
   // `box` has the middle and the size of what is shown, metres; `path` the positions of the sensor;
-  // `axis` points up: 1 from above, 2 from the side.
+  // `axis` points up: 1 from above, 2 from the side. The canvas must be on the page.
   constructor(canvas, header, frames, box, axis = 1) {
     Object.assign(this, { canvas, header, box, axis, path: header.path ?? [] });
-    [canvas.width, canvas.height] = [WIDTH, HEIGHT];
-    this.wide = WIDTH - LEFT;
-    this.tall = HEIGHT - BELOW;
+    [canvas.width, canvas.height] = canvas.clientWidth < NARROWEST ? NARROW : WIDE;
+    this.wide = canvas.width - LEFT;
+    this.tall = canvas.height - BELOW;
     this.scale = Math.min(this.wide / (box.extent[0] * 1.06), this.tall / (box.extent[axis] * 1.1)); // pixels of a metre
     this.ground = new Uint8Array(this.wide * this.tall); // whether a pixel has points
     this.steps = new Uint32Array(this.wide * this.tall); // the steps that reject any of its points
@@ -66,7 +69,7 @@ export class Map2D {
     const [card, low, rejected] = ['--card', '--low', '--rejected'].map((name) => word(colour(name)));
     for (let i = 0; i < pixels.length; i += 1) pixels[i] = this.ground[i] || (i % this.wide && this.ground[i - 1]) ? low : card;
     for (let i = 0; i < pixels.length; i += 1) if (this.steps[i] & bit) this.dot(pixels, i, rejected);
-    context.clearRect(0, 0, WIDTH, HEIGHT);
+    context.clearRect(0, 0, this.canvas.width, this.canvas.height);
     context.putImageData(image, LEFT, 0);
     this.drawAxes(context);
     this.drawPath(context);
@@ -82,19 +85,20 @@ export class Map2D {
 
   // Coordinates at the edges, and a bar as long as so many metres.
   drawAxes(context) {
+    const { width, height } = this.canvas;
     context.strokeStyle = colour('--line');
     context.fillStyle = colour('--soft');
     context.font = '15px system-ui, sans-serif';
     context.strokeRect(LEFT + 0.5, 0.5, this.wide - 1, this.tall - 1);
     const [low, high] = [-1, 1].map((side) => this.box.centre.map((value, a) => value + side * [this.wide, this.tall][a ? 1 : 0] / 2 / this.scale));
     const [from, to] = [inFile(this.header, low), inFile(this.header, high)];
-    const step = nice((to[0] - from[0]) / 6);
+    const step = nice(((to[0] - from[0]) * TICK) / this.wide);
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
     const ticks = (axis) => Array.from({ length: 1 + Math.floor(to[axis] / step) - Math.ceil(from[axis] / step) }, (_, k) => (Math.ceil(from[axis] / step) + k) * step);
     context.textAlign = 'center';
     for (const x of ticks(0)) {
       const [u, text] = [LEFT + ((x - from[0]) / (to[0] - from[0])) * this.wide, x.toFixed(digits)];
-      if (u + context.measureText(text).width / 2 <= WIDTH) context.fillText(text, u, HEIGHT - BELOW + 17);
+      if (u + context.measureText(text).width / 2 <= width) context.fillText(text, u, height - BELOW + 17);
     }
     context.textAlign = 'right';
     for (const y of ticks(this.axis)) {
@@ -102,14 +106,14 @@ export class Map2D {
       if (v > 20) context.fillText(y.toFixed(digits), LEFT - 6, Math.min(v + 5, this.tall));
     }
     context.fillText(`${'xyz'[this.axis]}, ${unitOf(this.header).split(',')[0]}`, LEFT - 6, 12);
-    context.fillText(`x, ${unitOf(this.header).split(',')[0]}`, WIDTH - 4, HEIGHT - 3);
+    context.fillText(`x, ${unitOf(this.header).split(',')[0]}`, width - 4, height - 3);
     const { pixels, text } = scaleBar(this.header, 1 / this.scale);
     context.textAlign = 'center';
-    context.fillText(text, WIDTH - 14 - pixels / 2, this.tall - 18);
+    context.fillText(text, width - 14 - pixels / 2, this.tall - 18);
     context.strokeStyle = colour('--ink');
     context.beginPath();
-    context.moveTo(WIDTH - 14 - pixels, this.tall - 10);
-    context.lineTo(WIDTH - 14, this.tall - 10);
+    context.moveTo(width - 14 - pixels, this.tall - 10);
+    context.lineTo(width - 14, this.tall - 10);
     context.stroke();
   }
 

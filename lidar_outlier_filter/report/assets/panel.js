@@ -67,11 +67,12 @@ function place(header, { distances, rejectedNear, spacing }) {
 function why(header, point, detector, about) {
   const words = [];
   if (about.rejected) words.push(place(header, about));
-  words.push(...point.features.map(([[name, text], added]) => `${text} (${name}, +${added.toFixed(2)})`));
+  const added = (name, value) => node('small', { class: 'quiet' }, `${name}, +${value.toFixed(2)}`);
+  words.push(...point.features.map(([[name, text], value]) => [`${text} `, added(name, value)]));
   if (detector && !point.features.length) words.push(`${detector.name} rejects a point that ${detector.rejects.split('. ')[0]}`);
   if (!words.length) return [];
   const title = about.rejected ? 'Why' : 'What speaks for a rejection';
-  return [node('h3', {}, title), node('ul', { class: 'why' }, ...words.map((text) => node('li', {}, text)))];
+  return [node('h3', {}, title), node('ul', { class: 'why' }, ...words.map((texts) => node('li', {}, ...[texts].flat())))];
 }
 
 // A box to tick: whether the points that a detector rejects are in the picture.
