@@ -184,6 +184,8 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
     assert tab.eval_on_selector('tbody small.odd', lines_high) < 1.5
     is_cut = 'node => node.scrollWidth > node.clientWidth'
     assert tab.eval_on_selector('tbody small.failed', is_cut) == (width > 390)
+    wide = tab.eval_on_selector('tbody small.failed', 'node => node.offsetWidth')
+    assert wide > (950 if width > 390 else 120)  # over the cells beside it, which are empty
     tab.evaluate("location.hash = '#r9000'")
     assert tab.evaluate(shown) == 1001
     tab.locator('#all').check()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `clean` offers for surveys: classes, marks, strips, many files, and going on later."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,14 +89,16 @@ def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
     assert (report.ignored, report.spared, report.invalid) == (1, 1, 1)
 
 
-def test_scores(cloud: Path) -> None:
+def test_scores(cloud: Path, capsys: Capture) -> None:
     """Scores are extra bytes of LAS, from which curves can be drawn."""
     assert main(['clean', str(cloud), '--scores', '--chain', 'sor']) == 0
     output = cloud.with_name('a_cleaned.las')
     after = laspy.read(output)
     assert (after.outlier_score[[BIRD, LOW]] > 1).all()
     assert after.outlier_score.dtype == np.float32
+    capsys.readouterr()
     assert main(['evaluate', str(output), '--labels', str(cloud), '--codes', '1']) == 0
+    assert re.search(r'^area under the ROC curve +1\.0000', capsys.readouterr().out, re.MULTILINE)
 
 
 def test_known_noise_is_not_seen(tmp_path: Path) -> None:
@@ -147,6 +150,17 @@ def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
     assert ['2', 'ground', '1,498', '0', '0.000%'] in lines
     assert ['below,', 'alone', '1', '1', '1'] in lines
     assert ['above,', 'alone', '1', '1', '1'] in lines
+
+
+def test_notes_beside_clouds(cloud: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Prose in a folder of clouds is skipped by name, and the rest is cleaned."""
+    (folder := tmp_path / 'survey').mkdir()
+    cloud.rename(folder / cloud.name)
+    (folder / 'notes.txt').write_text('flown on Monday\nin light rain\n')
+    assert main(['clean', str(folder), '--output', str(tmp_path / 'out'), '--chain', 'sor']) == 0
+    said = capsys.readouterr().err.replace('\n', ' ')
+    assert 'notes.txt is skipped: it is text without columns of numbers' in said
+    assert (tmp_path / 'out' / 'a_cleaned.las').is_file()
 
 
 def test_strips_are_judged_alone(tmp_path: Path) -> None:

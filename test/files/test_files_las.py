@@ -227,13 +227,15 @@ def test_scales_and_offsets(tmp_path: Path, offset: int, value: float, must_be: 
         open_cloud(path)
 
 
-def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
+def write_copc(
+    path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300), point_format: int = 6
+) -> Any:
     """Write LAZ in chunks of these sizes with the records of COPC; return the points."""
-    header = laspy.LasHeader(point_format=6, version='1.4')
+    header = laspy.LasHeader(point_format=point_format, version='1.4')
     rng, count = np.random.default_rng(4), sum(sizes)
     points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
     points['X'], points['gps_time'] = rng.integers(0, 1000, count), rng.uniform(0, 9, count)
-    laszip = lazrs.LazVlr.new_for_compression(6, 0, use_variable_size_chunks=True)
+    laszip = lazrs.LazVlr.new_for_compression(point_format, 0, use_variable_size_chunks=True)
     header.vlrs.append(laspy.VLR('copc', 1, 'COPC info', bytes(160)))
     header.vlrs.append(laspy.VLR('laszip encoded', LASZIP, '', bytes(laszip.record_data())))
     header.vlrs.append(laspy.VLR('someone', 7, '', b'kept'))
@@ -251,7 +253,7 @@ def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
     begin = stream.seek(0, io.SEEK_END)
     stream.write(struct.pack('<H16sHQ32s', 0, b'copc', 1000, 32, b'') + bytes(32))
     path.write_bytes(stream.getvalue())
-    patch(path, 104, bytes([6 | 128]))
+    patch(path, 104, bytes([point_format | 128]))
     patch(path, 235, struct.pack('<QI', begin, 1))
     return points
 
@@ -272,6 +274,18 @@ def test_copc(tmp_path: Path) -> None:
     assert (np.array(after.classification)[every_third(len(points))] == 7).all()
     assert [record[-4:] for record in records(copy)] == [b'kept']
     assert records(copy, extended=True) == []
+
+
+def test_chunks_that_differ_in_size(tmp_path: Path) -> None:
+    """Of these the last one says how many points it has, in older point formats, too."""
+    path = tmp_path / 'made.laz'
+    points = write_copc(path, point_format=3)
+    np.testing.assert_array_equal(columns(path, 'x')[0], points['x'])
+    table = number(path.read_bytes(), number(path.read_bytes(), 96, 4), 8)
+    patch(path, table + 4, struct.pack('<I', 4))  # the library adds an empty chunk
+    patch(path, 247, struct.pack('<Q', len(points) - 100))
+    with pytest.raises(CloudError, match=f'{len(points)} points instead of {len(points) - 100}'):
+        columns(path, 'x')
 
 
 def test_what_would_get_lost(tmp_path: Path) -> None:

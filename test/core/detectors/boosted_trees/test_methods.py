@@ -62,6 +62,23 @@ def test_sensor_names_the_method() -> None:
 
 
 @pytest.mark.parametrize(
+    ('sensor', 'has_rings', 'expected'),
+    [
+        ('auto', False, Method.NEIGHBOURS),
+        ('auto', True, Method.PATTERN),
+        ('free', False, Method.PATTERN),
+    ],
+)
+def test_a_whole_cloud_without_lines(sensor: str, expected: Method, *, has_rings: bool) -> None:
+    """Recovered rings are lines; a scanner without rings needs none."""
+    points = sweep(5, 0.1, columns=900)
+    zeros = np.zeros(len(points), np.int64)
+    bare = replace(points, t=zeros, line=zeros, ring=points.line if has_rings else None)
+    parameters = FilterParameters().changed({'boosted_trees.sensor': sensor})
+    assert choose(DetectorInput(bare, parameters, whole=True), parameters)[0] is expected
+
+
+@pytest.mark.parametrize(
     ('unsorted', 'expected'),
     [(0.5, Method.PATTERN), (0.7, Method.PATTERN), (2.0, Method.NEIGHBOURS)],
 )
