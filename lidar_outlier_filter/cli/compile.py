@@ -75,8 +75,7 @@ def _compile(options: argparse.Namespace) -> int:
 
         if work:
             parts = '; '.join(share.text for share in work)
-            count = f'{len(work)} part{"s" * (len(work) > 1)}'
-            say(f'compiling {count}, {cores()} at once, for a minute or more: {parts}')
+            say(f'compiling, {cores()} at once, for a minute or more: {parts}')
         bar(0, len(work))
         try:
             errors = processes.run(work, advance)

@@ -50,20 +50,16 @@ def say(sentence: str) -> None:
     Console(stderr=True).print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 
-def show(*parts: object) -> None:
-    """Print lines, each as it is, and tables to stdout.
-
-    A table that is only numbers is never cut: it goes beyond a narrow terminal instead.
-    """
+def show(*parts: Any) -> None:
+    """Print lines, each as it is, and tables; where no column wraps, a wide one is not cut."""
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
     for part in parts:
         if isinstance(part, str):
             console.print(printable(part), markup=False, highlight=False, soft_wrap=True)
         else:
-            if isinstance(part, Table) and all(column.no_wrap for column in part.columns):
+            if all(column.no_wrap for column in part.columns):
                 console.width = max(console.width, Console(width=999).measure(part).maximum)
             console.print(part)
 

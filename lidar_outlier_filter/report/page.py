@@ -289,7 +289,6 @@ def _shell(title: str, kind: str, data: str) -> str:
     for mark, text in (
         ('title', html.escape(title)),
         ('kind', kind),
-        ('name', 'live' if kind == 'live' else 'report'),
         ('style', f'<style>{asset("style.css")}</style>'),
         ('licence', f'<!--\n{asset("three.LICENSE")}\n-->'),
         ('imports', f'<script type="importmap">{json.dumps({"imports": modules})}</script>'),

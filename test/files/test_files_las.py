@@ -227,9 +227,7 @@ def test_scales_and_offsets(tmp_path: Path, offset: int, value: float, must_be: 
         open_cloud(path)
 
 
-def write_copc(
-    path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300), point_format: int = 6
-) -> Any:
+def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300), point_format: int = 6) -> Any:
     """Write LAZ in chunks of these sizes with the records of COPC; return the points."""
     header = laspy.LasHeader(point_format=point_format, version='1.4')
     rng, count = np.random.default_rng(4), sum(sizes)

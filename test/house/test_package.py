@@ -296,7 +296,9 @@ class Workspace:
             'COLCON_HOME': str(root / 'colcon'),
             'LIDAR_OUTLIER_FILTER_COMPILE': compiled,
         }
-        (line,) = re.findall(r'^colcon (build [^#\n]*)', (ROOT / 'README.md').read_text(), re.MULTILINE)
+        (line,) = re.findall(
+            r'^colcon (build [^#\n]*)', (ROOT / 'README.md').read_text(), re.MULTILINE
+        )
         built = self.run(sys.executable, '-c', BUILD, *line.split(), *options, check=True)
         self.said = built.stdout + built.stderr
 
