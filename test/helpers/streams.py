@@ -119,28 +119,3 @@ def points_at(times: Sequence[int], missing: Sequence[bool] = ()) -> Points:
     valid = ~np.array(missing, np.bool_) if len(missing) else np.ones(count, np.bool_)
     t = np.where(valid, np.array(times, np.int64), 0)
     return Points(np.zeros((count, 3)), t, np.zeros(count, np.int64), valid)
-
-
-def random_times(rng: np.random.Generator, count: int = 400) -> tuple[list[int], list[bool]]:
-    """Make times in order, with ties, gaps of several blocks and points on the edges of blocks."""
-    steps = rng.choice([0, 1000, 100_000, 300_000, BLOCK // 2, 5 * BLOCK], count)
-    steps[rng.uniform(size=count) < 0.9] = 100_000
-    start = int(rng.choice([-7 * BLOCK, 0, 1_700_000_000 * SECOND]))
-    return (start + np.cumsum(steps)).tolist(), (rng.uniform(size=count) < 0.1).tolist()
-
-
-def expected_scores(times: Sequence[int], missing: Sequence[bool]) -> list[float]:
-    """Score each point by the points of its block and halo, with plain loops."""
-    seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
-    scores = []
-    for t, gone in zip(times, missing, strict=True):
-        begin = t // BLOCK * BLOCK
-        near = [s for s in seen if begin - HALO <= s < begin + BLOCK + HALO]
-        scores.append(np.nan if gone else float(number_of(near)))
-    return scores
-
-
-def cut(rng: np.random.Generator, count: int, parts: int) -> list[tuple[int, int]]:
-    """Cut 0 … count into parts, some of them empty."""
-    cuts = np.sort(rng.integers(0, count + 1, parts - 1)).tolist()
-    return list(zip([0, *cuts], [*cuts, count], strict=True))

@@ -16,17 +16,7 @@ from helpers.drives import content
 from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
 from helpers.replays import check_answers, write_drive
 from helpers.replays import cloud as sweep
-from helpers.streams import (
-    BLOCK,
-    HALO,
-    Census,
-    TaggedStream,
-    cut,
-    expected_scores,
-    points_at,
-    random_times,
-    stream,
-)
+from helpers.streams import BLOCK, HALO, Census, TaggedStream, points_at, stream
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
@@ -65,67 +55,6 @@ def raising(bad: Sequence[int], error: Exception, **values: object) -> tuple[Tag
     chain = Raising(bad=set(bad), error=error)
     made.stream.chain = cast('Chain', chain)
     return made, chain
-
-
-@pytest.mark.parametrize('parts', [1, 10, 50, 1000])
-@pytest.mark.parametrize('seed', range(4))
-def test_an_error_costs_its_block(seed: int, parts: int) -> None:
-    """Messages with points in it fail, in their turn; all others have the verdicts they have."""
-    rng = np.random.default_rng(seed)
-    times, missing = random_times(rng)
-    valid = [t for t, gone in zip(times, missing, strict=True) if not gone]
-    bad = rng.choice(valid, 3)
-    starts = {t // BLOCK * BLOCK for t in valid}
-    failed = {b for b in starts if any(b - HALO <= t < b + BLOCK + HALO for t in bad.tolist())}
-    assert 0 < len(failed) < len(starts)
-    made, _ = raising(bad.tolist(), RAISED[seed])
-    errors: list[JudgingError] = []
-    made.stream.fail = errors.append
-    answers, pieces = [], cut(rng, len(times), parts)
-    for begin, end in pieces:
-        answers += made.push(points_at(times[begin:end], missing[begin:end]), (begin, end))
-    answers += made.flush()
-    assert [tag for tag, _ in answers] == pieces
-    assert len(errors) == len(failed)
-    expected = np.array(expected_scores(times, missing), np.float32)
-    for (begin, end), verdict in answers:
-        mine = zip(times[begin:end], missing[begin:end], strict=True)
-        is_hit = any(not gone and t // BLOCK * BLOCK in failed for t, gone in mine)
-        assert ((begin, end) in made.errors) == is_hit
-        assert len(verdict) == end - begin
-        if is_hit:
-            assert np.isnan(verdict.score).all()
-            assert not verdict.rejected.any()
-        else:
-            np.testing.assert_array_equal(verdict.score, expected[begin:end])
-
-
-def test_an_error_in_a_hurry_costs_what_was_hurried() -> None:
-    """What was judged before it in the same block keeps its verdict, and what comes later fails."""
-    made, chain = raising([2000], ValueError())
-    made.push(points_at([1000]), 'first')
-    ((_, first),) = made.flush_pending()
-    assert first.score.tolist() == [1]
-    made.push(points_at([2000]), 'second')
-    ((tag, second),) = made.flush_pending()
-    assert tag == 'second'
-    assert np.isnan(second.score).all()
-    assert list(made.errors) == ['second']
-    assert first.score.tolist() == [1]
-    chain.bad.clear()
-    made.push(points_at([3000]), 'third')
-    ((_, third),) = made.flush()
-    assert third.score.tolist() == [6]
-
-
-def test_an_error_with_a_block_for_each_message() -> None:
-    """That message alone fails; others that see it in their halo do where the error is raised."""
-    made, _ = raising([5], ValueError(), blocks='message')
-    kinds = [
-        [(tag, tag in made.errors) for tag, _ in made.push(points_at([t]), t)]
-        for t in (0, 5, 5 + HALO, 6 + HALO)
-    ]
-    assert kinds == [[(0, False)], [(5, True)], [(5 + HALO, True)], [(6 + HALO, False)]]
 
 
 def test_frames_that_are_judged_apart_share_their_block() -> None:
