@@ -11,7 +11,6 @@ from sklearn import metrics
 from lidar_outlier_filter.core.annotations import Reals
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
-    Confusion,
     Share,
     confusion,
     curve,
@@ -37,27 +36,6 @@ def test_figures_at_the_limits(
     counts = confusion(np.array(bad, np.bool_), np.array(rejected, np.bool_))
     figures = (counts.precision.ratio, counts.recall.ratio, counts.f1)
     np.testing.assert_allclose(figures, expected)
-
-
-@pytest.mark.parametrize(
-    ('points', 'outliers', 'found', 'lost', 'printed'),
-    [
-        (1_098_689, 11_035, 3414, 55, (30.94, 0.32, 0.01)),  # table 2
-        (295_147, 872, 291, 27, (33.37, 0.11, 0.01)),
-        (237_740, 31, 4, 0, (12.90, 0.00, 0.00)),  # table 3
-        (1_098_689, 11_035, 5221, 15_431, (47.31, 1.88, 1.40)),  # table 4
-        (237_740, 31, 15, 193, (48.39, 0.09, 0.08)),
-        (295_147, 872, 314, 25, (36.01, 0.11, 0.01)),  # table 5, both routines together
-    ],
-)
-def test_tables_of_leslar(
-    points: int, outliers: int, found: int, lost: int, printed: tuple[float, float, float]
-) -> None:
-    """Leslar et al. (2010): recall, identified and wrongly identified follow from the counts."""
-    counts = Confusion(found, outliers - found, lost, points - outliers - lost)
-    assert (counts.total, counts.outliers, counts.rejected) == (points, outliers, found + lost)
-    shares = [counts.share(name) for name in ('recall', 'identified', 'alpha_error')]
-    assert [round(100 * share.ratio, 2) for share in shares] == pytest.approx(printed)
 
 
 @pytest.mark.parametrize(

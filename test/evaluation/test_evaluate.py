@@ -3,8 +3,6 @@
 """The command evaluate: what it prints, writes and refuses, of recordings and of files."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -116,18 +114,3 @@ def test_folders_of_labels(tmp_path: Path) -> None:
         for name in names:
             (tmp_path / name).unlink()
     assert label_files([tmp_path / 'x', tmp_path]) == [tmp_path / 'x', tmp_path]
-
-
-def test_help_imports_nothing_heavy() -> None:
-    """Help is instant: no numpy, no matplotlib, no rosbags, no rich."""
-    heavy = "{'numpy', 'numba', 'matplotlib', 'rosbags', 'rich', 'yaml', 'scipy', 'laspy'}"
-    for command in ('evaluate', 'tune'):
-        program = (
-            'import argparse, sys\n'
-            f'from lidar_outlier_filter.cli.{command} import add_{command}\n'
-            f'add_{command}(argparse.ArgumentParser().add_subparsers())\n'
-            f'sys.stderr.write(repr({heavy} & set(sys.modules)))'
-        )
-        run = [sys.executable, '-c', program]
-        done = subprocess.run(run, capture_output=True, text=True, check=True)
-        assert done.stderr == 'set()'

@@ -19,7 +19,6 @@ from sensor_msgs.msg import PointCloud2
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
@@ -53,18 +52,6 @@ def test_as_good_as_the_georeferenced_twin() -> None:
     assert f1(drive, twin) > 0.97
     assert f1(drive, found) > f1(drive, twin) - 0.002
     assert f1(drive, without_pose) < f1(drive, twin) - 0.1
-
-
-def test_what_is_published_is_what_came() -> None:
-    """Clouds keep their frame and their bytes; each point is in one of the two."""
-    drive = Drive(0.3)
-    clouds = drive.clouds(drive.own)
-    for answer in Moving().run(clouds, drive.odometry()):
-        assert answer.cleaned.header == answer.outliers.header == answer.tag.header
-        rows = [structured(msg).reshape(-1) for msg in (answer.cleaned, answer.outliers)]
-        together = np.concatenate(rows)
-        together = together[np.argsort(together['t'])]
-        assert together.tobytes() == bytes(answer.tag.data)
 
 
 def spinning(cuts: int) -> list[PointCloud2]:

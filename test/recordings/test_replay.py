@@ -3,7 +3,6 @@
 """Replay: every cloud is filtered, and everything else is copied unchanged."""
 
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,8 +23,6 @@ from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import replay
-
-Content = dict[str, list[tuple[int, bytes]]]
 
 
 @pytest.mark.parametrize('name', REAL)
@@ -237,15 +234,6 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
     replay(source, out, ['/lidar/cleaned'])
 
 
-@pytest.mark.parametrize('name', ['512x10_raw.bag', 'continental_ars548', 'example.bag'])
-def test_real_recording_without_clouds(real_data: Path, tmp_path: Path, name: str) -> None:
-    """Recordings of packets, radar and turtles are refused; the sentence lists their topics."""
-    sentence = r'must be one with a topic of type .*, got /\w+'
-    with pytest.raises(RecordingError, match=sentence):
-        replay(real_data / 'not_lidar' / name, tmp_path / 'out')
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_output_within_the_recording(tmp_path: Path) -> None:
     """A recording stays as it is: nothing is written into its folder."""
     source = write_drive(tmp_path / 'drive', [cloud(0)])
@@ -265,27 +253,6 @@ def test_name_that_only_ros1_allows(tmp_path: Path) -> None:
         writer.write(text, 0, store.serialize_ros1(store.types[STRING]('hello'), STRING))
     with pytest.raises(RecordingError, match='a name that ROS 2 allows, got /lidar/0/points'):
         replay(path, tmp_path / 'out')
-
-
-WITHOUT_ROS = """
-import sys
-for name in ('rclpy', 'sensor_msgs', 'nav_msgs', 'std_msgs', 'builtin_interfaces'):
-    sys.modules[name] = None
-from lidar_outlier_filter.cli.main import main
-sys.exit(main(['replay', sys.argv[1], '--output', sys.argv[2], '--set', 'chain=[sor]']))
-"""
-
-
-def test_replay_needs_no_ros(tmp_path: Path) -> None:
-    """Where rclpy cannot be imported a replay gives the same bytes; it leaves signals alone."""
-    source = write_drive(tmp_path / 'drive', [cloud(0)])
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in numbers]
-    replay(source, tmp_path / 'one', parameters={'chain': ('sor',)})
-    assert [signal.getsignal(number) for number in numbers] == before
-    command = [sys.executable, '-c', WITHOUT_ROS, source, tmp_path / 'two']
-    subprocess.run(list(map(str, command)), check=True, capture_output=True)
-    assert content(tmp_path / 'one') == content(tmp_path / 'two')
 
 
 REPLAY = """

@@ -82,18 +82,6 @@ def test_once_in_a_second(ros: Ros) -> None:
     assert received[-2][0].message.startswith('no cloud for ')
 
 
-def test_diagnostics_say_how_the_default_judges(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Blocks are counted by the way in which they were judged."""
-    node = ros.filter('-p', 'max_delay:=0.5')
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
-    sensor.publish(sweeps[0], expected=1)
-    name = 'blocks judged by trees on the scan pattern'
-    found = ros.diagnosis(lambda found: found[name] > 0)
-    assert found[name] == node.channels[0].statistics.methods['trees on the scan pattern']
-
-
 def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """A row for the topic, and a column for each value, under its name."""
     node = ros.filter('-p', 'max_delay:=0.5')

@@ -44,7 +44,7 @@ def test_what_has_happened_since_the_last_look() -> None:
     counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
     counts.refusals, counts.bypassed = CountsByReason({'the fields': 2}), Counter(disabled=1)
-    counts.poses = CountsByReason({'a pose': 3})
+    counts.poses, counts.methods = CountsByReason({'a pose': 3}), Counter(trees=7)
     health.spent(0.05)
     health.counted(counts)
     level, _, values, plotted = look(health, HealthLimits(unfiltered_warn=1.0))
@@ -74,6 +74,7 @@ def test_what_has_happened_since_the_last_look() -> None:
         'without_pose': '0',
         'resets': '0',
         'failures': '0',
+        'blocks judged by trees': '7',
         'rejected by a': '5',
         'rejected by b': '4',
         'undecided by b': '6',
@@ -113,22 +114,6 @@ def test_delay(delays: list[float], level: int) -> None:
     for delay in delays:
         health.answered(delay, 0)
     assert look(health)[0] == level
-
-
-def test_errors_of_detectors() -> None:
-    """They are an error at once, however few the clouds, and only where they were raised."""
-    health = Health()
-    for _ in range(1000):
-        health.received()
-    health.counted(Statistics(messages=1000, bypassed=Counter(failure=1), failures=1))
-    level, message, values, plotted = look(health)
-    assert level == ERROR
-    assert message.startswith(
-        'a detector raised an error in 1 blocks: see the log; clouds not filtered as asked: 1 ('
-    )
-    assert (values['failures'], plotted['passed']) == ('1', 1)
-    health.received()
-    assert look(health)[0] == OK
 
 
 @pytest.mark.parametrize('middleware', PROFILES)
@@ -203,19 +188,6 @@ def test_who_drops_everything_is_not_well() -> None:
     assert health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
 
 
-def test_clouds_judged_without_poses() -> None:
-    """Are complained of, those since the last look."""
-    health = Health()
-    for without_pose, level in ((3, ERROR), (3, OK), (4, WARN)):
-        for _ in range(4):
-            health.received()
-        health.counted(Statistics(without_pose=without_pose))
-        found, message, values, _ = look(health)
-        assert (found, values['without_pose']) == (level, str(without_pose))
-    counts = '1 (1 judged without poses); received in the same time: 4'
-    assert message == f'clouds not filtered as asked: {counts}'
-
-
 @pytest.mark.parametrize(
     ('name', 'text', 'levels'),
     [
@@ -245,13 +217,3 @@ def test_silence() -> None:
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
     report = health.sample(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
     assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')
-
-
-def test_remarks_are_warnings() -> None:
-    """What others have to say is added."""
-    health = Health()
-    health.received()
-    report = health.sample(1.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
-    assert (report.level, report.message) == (WARN, 'one thing; another')
-    report = health.sample(11.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing'])
-    assert (report.level, report.message) == (ERROR, 'no cloud for 11 s; one thing')

@@ -28,19 +28,6 @@ SEEN = st.tuples(
 )
 
 
-def test_the_first_loss_is_warned_of_at_once() -> None:
-    """With the policy, which says why; nothing lost is nothing said."""
-    health = Health()
-    assert health.loss_warning('drop_oldest', 1.0) == ''
-    health.missed(DROPPED, 3)
-    health.missed(LOST, 1)
-    assert health.loss_warning('drop_oldest', 1.0) == (
-        'clouds not filtered as asked since the last warning: 3 dropped, 1 lost on the way '
-        '(load.policy is drop_oldest); '
-        'for large clouds set config/fastdds_large_clouds.xml for both sides'
-    )
-
-
 @given(st.lists(SEEN))
 def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
     """Warnings are apart by the period at least, and their sum is all that was lost."""

@@ -2,12 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The managed node, driven through its services with the real middleware."""
 
-import signal
-
 import pytest
-from helpers.live import environment
 from helpers.nodes import Ros, Sensor, line, wait_for_kernels
-from helpers.programs import Program
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
@@ -136,21 +132,3 @@ def test_a_configuration_that_is_refused(ros: Ros, capfd: pytest.CaptureFixture[
     assert not manager.change(Transition.TRANSITION_CONFIGURE)
     assert 'not configured: inputs must be different topics' in capfd.readouterr().err
     assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
-
-
-def test_the_executable() -> None:
-    """The option makes the node wait; it ends as quietly as the other."""
-    with Program('-m', 'lidar_outlier_filter.cli.node', '--lifecycle', env=environment()) as node:
-        node.wait_for('managed: waits to be configured and activated')
-        node.signal(signal.SIGINT)
-        assert node.wait() == 0
-    assert len(node.output) == 1
-
-
-@pytest.mark.parametrize('transition', [3, 4, 99])
-def test_a_transition_that_the_state_lacks(ros: Ros, transition: int) -> None:
-    """It is refused, and the node serves on."""
-    _, manager = make(ros)
-    assert not manager.change(transition)
-    assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert manager.change(Transition.TRANSITION_CONFIGURE)

@@ -137,19 +137,6 @@ def test_label_files(tmp_path: Path) -> None:
         read_training(bag, DEFAULTS, codes, files=files)
 
 
-def test_injected_outliers(tmp_path: Path) -> None:
-    """A clean recording needs no labels; all its own points are good."""
-    bag = write(tmp_path / 'bag', {'/lidar': drive()}, without='label')
-    data = read_training(bag, DEFAULTS, CAUSES, injection=Injection(share=0.02))
-    assert np.count_nonzero(data.bad) == round(0.02 * len(data))
-    assert (data.bad ^ data.good).all()
-    again = read_training(bag, DEFAULTS, CAUSES, injection=Injection(share=0.02))
-    np.testing.assert_array_equal(data.judge(DEFAULTS).score, again.judge(DEFAULTS).score)
-    # Single points metres away from their line are found.
-    found = data.judge(DEFAULTS.changed({'chain': ['sor']})).rejected & data.bad
-    assert np.count_nonzero(found) > 0.5 * data.bad.sum()
-
-
 def test_several_recordings(tmp_path: Path) -> None:
     """Each is judged by itself, though their times overlap, and keeps its own stretches."""
     parts = [

@@ -128,21 +128,6 @@ def test_the_node_loads_the_file(tuned: tuple[Path, str], ros: Ros) -> None:
     assert node.filter_parameters == FilterParameters().changed(values)
 
 
-def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> None:
-    """Each line as it is printed, one after the other, as `ros2 param set` sends them."""
-    output, printed = tuned
-    given = ('chain:=[alpha_beta_gamma]', 'before:=40', 'after:=40')
-    names = [text if text.startswith('chain') else f'alpha_beta_gamma.{text}' for text in given]
-    node = ros.filter(*(word for name in names for word in ('-p', name)))
-    lines = LINE.findall(printed)
-    assert {'alpha_beta_gamma.before', 'alpha_beta_gamma.significance'} <= {n for n, _ in lines}
-    for name, text in lines:
-        # As ros2cli reads a value: YAML 1.1, to which 1e-06 is a text.
-        value = yaml.safe_load(text)
-        assert ros.set(**{name.replace('.', '__'): value}) == ['']
-    assert node.filter_parameters == FilterParameters().changed(read_yaml(output))
-
-
 def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
     """A clean recording needs no labels; the file is beside it, and says what it comes from."""
     clean = [cloud[cloud['label'] == 0] for cloud in drive()]

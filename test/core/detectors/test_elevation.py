@@ -11,7 +11,7 @@ from naive import elevation as naive
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.builtin import Elevation
-from lidar_outlier_filter.core.detectors.elevation import body, detect
+from lidar_outlier_filter.core.detectors.elevation import detect
 from lidar_outlier_filter.errors import FilterError
 
 SIDES = ('both', 'low', 'high')
@@ -109,32 +109,6 @@ def test_the_histogram_keeps_gross_errors_from_hiding_others() -> None:
     score = detect(xyz, Elevation())
     assert np.flatnonzero(score > 1).tolist() == [100, 200]
     assert score[100] == (500.0 - xyz[np.arange(1000) != 100, 2].max()) / 5.0
-
-
-def test_body(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of ten points three may go on either side; a step of exactly the gap does not part."""
-    z = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 12.0, 13.0, -9.0])
-    monkeypatch.setattr(elevation, 'SHARE', 0.3)
-    assert body(z, 5.0) == (0.0, 6.0)
-    assert body(z, 6.0) == (0.0, 13.0)
-    assert body(z, 9.0) == (-9.0, 13.0)
-    assert body(z, 0.0) == (-9.0, 13.0)
-    # Beyond several gaps, as far as there are few enough.
-    z = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 20.0, 100.0])
-    assert body(z, 5.0) == (0.0, 7.0)
-    monkeypatch.setattr(elevation, 'SHARE', 0.1)
-    assert body(z, 5.0) == (0.0, 20.0)
-
-
-def test_a_facade_seen_from_above() -> None:
-    """Two hundred thousand points over one place, and others around, take no quadratic time."""
-    rng = np.random.default_rng(12)
-    column = np.zeros((200_000, 3))
-    column[:, 2] = rng.uniform(0, 10, len(column))
-    xyz = np.concatenate([column, rng.uniform(-20, [20, 20, 0.1], (5000, 3))])
-    score = detect(xyz, Elevation())
-    mean = column[:, 2].mean()
-    assert np.argmax(score[:200_000]) == np.argmax(np.abs(column[:, 2] - mean))
 
 
 # Against the ground ------------------------------------------------------------------------------

@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hierarchical outlier detection: equal to the naive twin, and to nothing but the points."""
 
-from collections.abc import Callable
-from time import process_time
-
 import numpy as np
 import pytest
 from naive import hierarchical as naive
@@ -193,15 +190,6 @@ def test_points_on_the_ball_but_for_rounding(offset: float) -> None:
 # What it says ----------------------------------------------------------------------------------
 
 
-def test_just_large_enough() -> None:
-    """A cluster of exactly min_cluster points has score 1 and stays."""
-    xyz = np.concatenate([LINE, LINE[:10] + np.array([0.0, 500.0, 0.0])])
-    assert detect(xyz, settings(10)).score.tolist() == [10 / 60] * 60 + [1.0] * 10
-    outcome = detect(xyz, settings(11))
-    assert outcome.score.tolist() == [11 / 60] * 60 + [1.1] * 10
-    assert outcome.phase.tolist() == [0] * 60 + [1] * 10
-
-
 @pytest.mark.parametrize('step', [0.1, 1 / 3, 1e-3])
 def test_roundings_cut_nothing(step: float) -> None:
     """Points in equal steps, whose lengths differ by rounding, are one cluster in both phases."""
@@ -211,23 +199,3 @@ def test_roundings_cut_nothing(step: float) -> None:
         if step == 1e-3:  # float32 has no such steps at 100 m: some are 4 % longer
             xyz = step * grid(500, 1, 1)  # noqa: PLW2901
         assert detect(xyz, Hierarchical()).cluster.tolist() == [500] * 500
-
-
-@pytest.mark.parametrize('make', [axis, geometric])
-def test_no_shape_takes_quadratic_time(make: Callable[[int], Floats]) -> None:
-    """A point of such a shape takes at most five times as long as one of a street."""
-    seconds = []
-    for cloud in (street(0, 20_000), make(20_000)):
-        detect(cloud[:500], Hierarchical())  # compiled
-        begin = process_time()
-        detect(cloud, Hierarchical(), threads=1)
-        seconds.append(process_time() - begin)
-    assert seconds[1] < 5 * seconds[0]
-
-
-def test_a_heap_of_coincident_points() -> None:
-    """Two hundred thousand returns from one place take no quadratic time."""
-    xyz = np.concatenate([np.zeros((200_000, 3)), street(3, 2000) + np.array([5.0, 0.0, 0.0])])
-    outcome = detect(xyz, Hierarchical())
-    assert outcome.cluster[:200_000].min() >= 200_000
-    assert outcome.phase[0] == 0

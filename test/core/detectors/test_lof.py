@@ -88,26 +88,3 @@ def test_good_points_beside_a_stack_are_kept(stack: int) -> None:
     rejected = detect(xyz) > 1
     assert rejected[-1]
     assert_array_equal(detect(many)[: len(xyz)] > 1, rejected)
-
-
-@pytest.mark.parametrize('others', [0, 1, 500])
-def test_200_000_coincident_points(others: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The work does not grow with the square of how many coincide: all lists together are short."""
-    rng = np.random.default_rng(15)
-    xyz = np.zeros((200_000 + others, 3))
-    xyz[200_000:] = rng.normal(size=(others, 3))
-    total = []
-    within = Neighbourhood.within
-
-    def spy(self: Neighbourhood, *given: Any) -> Any:
-        first, index = within(self, *given)
-        total.append(len(index))
-        return first, index
-
-    monkeypatch.setattr(Neighbourhood, 'within', spy)
-    factors = detect(xyz, threshold=1.0)
-    assert np.isfinite(factors).all()
-    assert np.ptp(factors[:200_000]) == 0
-    assert sum(total) < 100 * len(xyz)
-    if others <= 1:
-        assert_allclose(factors, 1, rtol=1e-9)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.kernels.kernels import (
     device_function,
-    inlined_kernel,
     kernel,
     median,
     noalias_kernel,
@@ -62,11 +61,6 @@ def _quadruple(value: float) -> float:
     return _double(_double(value))
 
 
-@inlined_kernel
-def _increased(value: float) -> float:
-    return value + 1.0
-
-
 def test_python_cannot_call_an_inner_kernel() -> None:
     """It has no entry that could be called, and says so, compiled or not."""
     with pytest.raises(TypeError, match=r'^_double is an inner kernel: only kernels can call it$'):
@@ -99,8 +93,3 @@ def test_an_apart_kernel() -> None:
     np.testing.assert_array_equal(_sums(rows), expected)
     with pytest.raises(TypeError, match='_add_rows is an inner kernel'):
         _add_rows(rows, expected)
-
-
-def test_python_can_call_an_inlined_kernel() -> None:
-    """Then it is compiled for itself."""
-    assert _increased(2.0) == 3.0

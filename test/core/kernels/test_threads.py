@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.errors import FilterError
 
 
 @pytest.mark.parametrize('number', [0, 1, 2, 7])
@@ -76,13 +75,6 @@ def _meet(barrier: threading.Barrier) -> Callable[[int, int], int]:
     return work
 
 
-def test_one_range_is_done_by_the_caller() -> None:
-    """No thread is started for little."""
-    caller = threading.get_ident()
-    assert threads.run(lambda *_: threading.get_ident(), 5, 5, 4) == [caller]
-    assert threads.run(lambda *_: threading.get_ident(), 5, 1, 1) == [caller] * 5
-
-
 @pytest.mark.parametrize('number', [1, 4])
 def test_first_error_comes_out(number: int) -> None:
     """Ranges 3 and 4 fail, at the same time where they can; 3 is first in order."""
@@ -95,12 +87,6 @@ def test_first_error_comes_out(number: int) -> None:
 
     with pytest.raises(ValueError, match=r'^3$'):
         threads.run(work, 5, 1, number)
-
-
-def test_negative_number_is_refused() -> None:
-    """Less than no thread is a mistake."""
-    with pytest.raises(FilterError, match='threads must be at least 0, got -1'):
-        threads.run(lambda *_: None, 1, 1, -1)
 
 
 def test_cores_are_those_of_the_process() -> None:

@@ -9,13 +9,9 @@ from time import process_time
 import numpy as np
 import pytest
 from helpers.shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
-from naive import hierarchical as naive
 
-from lidar_outlier_filter.core.detectors import hierarchical
-from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COUNT, MANY = LINE, 30_000  # points, for what is found and for how long it takes
@@ -78,42 +74,6 @@ def test_what_is_found_in_utm() -> None:
         found, moved = (chain(name).judge(points) for points in (here, there))
         assert found.rejected.any()
         np.testing.assert_array_equal(moved.detectors, found.detectors, name)
-
-
-@pytest.mark.parametrize('name', SHAPES)
-def test_clusters_are_those_of_loops(name: str) -> None:
-    """Of hard shapes, too, where ways between clusters are nearly as long as each other."""
-    xyz = SHAPES[name](np.random.default_rng(1), 150)
-    found = hierarchical.detect(xyz, Hierarchical())
-    expected = naive.detect(xyz.tolist(), 0.99, 0.95, Hierarchical().min_cluster)
-    assert found.phase.tolist() == expected.phase
-    assert found.cluster.tolist() == expected.cluster
-
-
-@pytest.mark.parametrize('kind', ['falling', 'equal', 'teeth', 'nearly sorted'])
-def test_lines_are_sorted(kind: str) -> None:
-    """By phase, range and position; what is equal in all stays in its order."""
-    rng, count = np.random.default_rng(2), 900
-    phases = {
-        'falling': -np.arange(count),
-        'equal': np.zeros(count),
-        'teeth': np.arange(count) % 7,
-        'nearly sorted': np.arange(count) + rng.integers(0, 3, count),
-    }
-    phase = phases[kind].astype(np.float64)
-    distance, xyz = rng.integers(0, 30, count).astype(np.float64), rng.integers(0, 2, (count, 3))
-    order, first = rng.permutation(count), np.array([0, 400, 401, count])
-    lines = OrderedLines(xyz.astype(np.float64), distance, order.copy(), first)
-    up = phase + 1e3
-    expected = []
-    for low, high in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
-        expected += sorted(
-            range(low, high), key=lambda k: (phase[k], distance[order[k]], *xyz[order[k]])
-        )
-    selected = phase[expected], up[expected], order[expected]
-    sort_lines(lines, 0, 3, phase, up)
-    for found, right in zip((phase, up, lines.order), selected, strict=True):
-        assert found.tolist() == right.tolist()
 
 
 @pytest.mark.slow

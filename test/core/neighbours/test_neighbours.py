@@ -330,12 +330,6 @@ def test_several_threads_ask_at_once() -> None:
 # The tree -----------------------------------------------------------------------------------------
 
 
-@every_cloud
-def test_tree_is_sound(cloud: Callable[[Rng, int], Floats]) -> None:
-    """Boxes are tight, ranges adjoin, leaves are small or of one place."""
-    assert_sound(Neighbourhood(cloud(np.random.default_rng(15), 2000), 1))
-
-
 @pytest.mark.parametrize('cloud', [scattered, halving, uneven, outlier, line])
 def test_tree_is_not_deep(cloud: Callable[[Rng, int], Floats]) -> None:
     """After some lopsided cuts the median is taken; so the time is near to linear."""
@@ -396,15 +390,6 @@ def test_within_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats]) -> No
     assert offsets[-1] == len(index)
     for i, (p, limit) in enumerate(zip(which, limits, strict=True)):
         assert index[offsets[i] : offsets[i + 1]].tolist() == naive.within(points, p, limit)
-
-
-def test_walks_do_not_depend_on_threads() -> None:
-    """More points than a thread takes at once."""
-    xyz = lattice(np.random.default_rng(20), LARGE // 2)
-    one, many = Neighbourhood(xyz, 1, 1), Neighbourhood(xyz, 1, 3)
-    which, limits = np.arange(len(xyz)), np.full(len(xyz), 2.0)
-    for a, b in zip(one.within(which, limits), many.within(which, limits), strict=True):
-        assert_array_equal(a, b)
 
 
 # Without ------------------------------------------------------------------------------------------

@@ -101,27 +101,6 @@ def test_each_turn_over_open_ground_is_a_line(span: int, cut: int, sense: int) -
     assert counted(angle, range(1, len(angle))) == turn.tolist()
 
 
-@pytest.mark.parametrize('sense', [1, -1])
-@pytest.mark.parametrize('scale', [0.01, 0.2])
-def test_noise_at_the_turn(scale: float, sense: int) -> None:
-    """Angles that go forth and back over the wrap begin one line, not several."""
-    rng = np.random.default_rng(1)
-    angle, turn = (values[100:] for values in mirror(20 * 1000, 1000))  # not from the wrap on
-    noisy = angle + rng.uniform(-scale, scale, len(angle))
-    noisy = (noisy + np.pi) % (2 * np.pi) - np.pi
-    lines = np.array(counted(sense * noisy))
-    assert lines[-1] in {turn[-1], turn[-1] + 1}  # the last shots may have wrapped already
-    assert (np.diff(lines) >= 0).all()
-    far = np.abs(angle) < np.pi - scale
-    np.testing.assert_array_equal(lines[far], turn[far] + (lines[far][0] - turn[far][0]))
-
-
-def test_a_mirror_that_swings_has_no_turns() -> None:
-    """Small steps back are no jump, however far they lead."""
-    swing = np.concatenate([np.arange(-60, 60), np.arange(60, -60, -1)])
-    assert set(counted(np.deg2rad(np.tile(swing, 5)))) == {0}
-
-
 @pytest.mark.parametrize('seed', range(30))
 def test_angles_against_loops(seed: int) -> None:
     """Lines by angle are those of plain loops, whatever the angles and the messages."""
@@ -141,18 +120,6 @@ def test_angles_against_loops(seed: int) -> None:
     cuts = np.sort(rng.integers(0, len(angle) + 1, 5)).tolist()
     expected = naive.angle_lines(angle.tolist())
     assert counted(angle, cuts) == counted(angle) == expected
-
-
-def test_angles_that_mean_nothing() -> None:
-    """A point whose angle is not finite, or not valid, is in the line it stands in."""
-    angle, turn = mirror(300, 30)
-    for value in (np.nan, np.inf, 0.0):
-        damaged, valid = angle.copy(), np.ones(300, np.bool_)
-        damaged[29::30] = value
-        valid[29::30] = value != 0
-        lines = LineCounter().by_angle(damaged, valid)
-        assert (lines - lines[0]).tolist() == turn.tolist()
-    assert LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_)).tolist() == []
 
 
 def test_points_are_taken_and_joined() -> None:

@@ -10,7 +10,7 @@ from naive import raycast as naive
 
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.world import surfaces
-from lidar_outlier_lab.simulation.world.caster import PANE, uniform
+from lidar_outlier_lab.simulation.world.caster import PANE
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.surfaces import Surface
 
@@ -89,15 +89,6 @@ def test_equal_to_naive(
         if expected is not None:
             assert (hits.distance[n, 0], hits.cosine[n, 0]) == pytest.approx(expected, abs=1e-9)
     assert least * count < np.isfinite(hits.distance[:count]).sum() < count
-
-
-def test_numbers_of_cells_equal_to_naive() -> None:
-    """Cells get the same numbers, negative ones too, and these are uniform."""
-    cells = [(i, j, k) for i in (-7, 0, 3) for j in (-1, 2) for k in range(-50, 50)]
-    numbers = [uniform(*cell, 2**31 - 1, 4) for cell in cells]
-    assert numbers == [naive.uniform(*cell, 2**31 - 1, 4) for cell in cells]
-    assert np.mean(numbers) == pytest.approx(0.5, abs=4 * np.sqrt(1 / 12 / len(numbers)))
-    assert len(set(numbers)) == len(numbers)
 
 
 def test_bundles_are_cast_as_their_rays() -> None:

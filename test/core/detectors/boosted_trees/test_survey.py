@@ -13,10 +13,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, Trees, load
-from lidar_outlier_filter.core.neighbours import duplicates
 from lidar_outlier_filter.core.neighbours.duplicates import (
     MIN_SCALE_M,
-    SAMPLE,
     K,
     find_copies,
     find_places,
@@ -220,14 +218,6 @@ def test_finds_a_piece_that_a_mirror_shows_below(seed: int) -> None:
     assert not outlier[:10_000].any()
 
 
-def test_lines_are_not_looked_at_where_asked() -> None:
-    """With ``boosted_trees.sensor: survey`` times and lines count for nothing."""
-    xyz = surface(500)
-    t, line = np.arange(500) * 1000, np.arange(500) // 50
-    asked = detect_outliers(xyz, t=t, line=line, parameters={'boosted_trees.sensor': 'survey'})
-    np.testing.assert_array_equal(asked.score, detect_outliers(xyz).score)
-
-
 def test_typical_scale() -> None:
     """It is that of an even surface, from all points or few, in any order."""
     for count in (5000, 60_000):
@@ -247,16 +237,3 @@ def test_typical_scale() -> None:
     )
     # Where points nearly coincide the micrometre is left that is added.
     assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(MIN_SCALE_M)
-
-
-def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of many points about as many are looked at as are asked for."""
-    looked_at: list[int] = []
-
-    def note(xyz: Floats, most: int, threads: int) -> Neighbourhood:
-        looked_at.append(len(xyz))
-        return Neighbourhood(xyz, most, threads)
-
-    monkeypatch.setattr(duplicates, 'Neighbourhood', note)
-    scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
-    assert looked_at == [pytest.approx(SAMPLE, rel=0.05)]
