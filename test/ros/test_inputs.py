@@ -3,9 +3,10 @@
 """Several sensors: one process that serves them all, each as a stream of its own."""
 
 import pytest
-from helpers.nodes import Ros, Sensor, broken, line, receive
+from helpers.nodes import PLOTTED, Ros, Sensor, broken, line, receive
 from helpers.programs import TIMEOUT
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import ParameterError
@@ -80,6 +81,15 @@ def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]
     for channel in node.channels:
         assert channel.statistics.outliers == 0
         assert channel.statistics.bypassed == {'disabled': 1}
+
+
+def test_each_has_a_row_of_the_table(ros: Ros) -> None:
+    """Under the name of its topic."""
+    ros.filter(parameters=BOTH).start()
+    table = ros.wait_for_message(Float64MultiArray, '/outlier_filter_node/statistics', bool)
+    rows, _ = table.layout.dim
+    assert (rows.label, rows.size) == ('/left/points,right', 2)
+    assert len(table.data) == rows.stride == 2 * len(PLOTTED)
 
 
 @pytest.mark.parametrize(

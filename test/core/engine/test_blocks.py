@@ -27,8 +27,12 @@ REFUSALS = {
 }
 
 
-def next_times(rng: np.random.Generator, newest: int, span: int) -> list[int | None]:
-    """Make a cloud after the newest time, or before it; ties and edges of blocks are frequent."""
+def next_times(rng: np.random.Generator, twin: naive.Blocks, span: int) -> list[int | None]:
+    """Make a cloud after the newest time, or before it; ties and edges are frequent."""
+    newest = max(twin.newest, 0)
+    edges = [twin.closed - 1, twin.closed, twin.judged, newest - twin.jump - 1, newest - twin.jump]
+    if rng.random() < 0.2 and -1 < (edge := edges[int(rng.integers(5))]) < naive.END:
+        return [edge]
     start = newest + int(rng.choice([0, 0, 0, HALO, BLOCK, 3 * BLOCK, -HALO, -BLOCK, -9 * BLOCK]))
     steps = rng.choice([0, 1, HALO // 2 - 1, HALO // 2, span], int(rng.integers(0, 12)))
     times = start // (HALO // 2) * (HALO // 2) + np.cumsum(steps) - int(rng.integers(0, 2))
@@ -61,7 +65,7 @@ def test_naive(kind: str, seed: int) -> None:
     """Clouds, however cut and timed, flushes and refusals: as in plain loops over all points."""
     rng = np.random.default_rng(seed)
     halo, lateness = int(rng.choice([0, HALO])), int(rng.choice([0, 2 * BLOCK]))
-    jump, most = int(rng.choice([5, 60])) * BLOCK, int(rng.choice([14, 40, 10**6]))
+    jump, most = int(rng.choice([5, 60])) * BLOCK, int(rng.choice([9, 40, 10**6]))
     given = {'halo': halo / SECOND, 'lateness': lateness / SECOND, 'time_jump': jump / SECOND}
     made, _ = stream(blocks=kind, max_points=most, **given)
     made.stream.chain = cast('Chain', Raising(is_raising=seed % 2 == 1))
@@ -77,7 +81,7 @@ def test_naive(kind: str, seed: int) -> None:
             answers += made.flush()
             twin.flush()
         else:
-            times = next_times(rng, max(twin.newest, 0), span)
+            times = next_times(rng, twin, span)
             reason = twin.push(number, times)
             points = points_at([t or 0 for t in times], [t is None for t in times])
             said = ''

@@ -14,6 +14,11 @@ from helpers import ROOT
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.detectors.builtin import Lof
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.errors import RecordingError
+
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 command: Any = import_module('real_snow')
 sweeps: Any = import_module('real_snow_sweeps')
@@ -104,6 +109,14 @@ def test_sweeps_are_rebuilt(folder: Path) -> None:
         begin += SHOTS * 55_560
 
 
+def test_points_off_the_rings_are_refused(tmp_path: Path) -> None:
+    """In a sentence that names the file."""
+    made = make(0)
+    path = put(tmp_path, '000000', made._replace(xyz=made.xyz + np.array([0, 0, 0.05], 'f4')))
+    with pytest.raises(RecordingError, match=r'the elevations of 000000\.bin must'):
+        sweeps.read_sweep(path, sweeps.read_rings(TABLE))
+
+
 def test_forms(folder: Path) -> None:
     """All points, or the last return of each laser; copies know what they are of."""
     made = make(1)
@@ -124,7 +137,8 @@ def test_neighbours_of_peers(folder: Path) -> None:
     xyz = cloud.xyz[own].astype(float)
     distance = cKDTree(xyz).query(xyz, 21)[0][:, 1:]
     mean = distance.mean(axis=1)
-    expected = distance[:, :10], (mean - mean.mean()) / mean.std(), judges.peers.lof(xyz, 20)
+    factor = lof.measure(Neighbourhood(xyz, 20), Lof(min_pts=20))
+    expected = distance[:, :10], (mean - mean.mean()) / mean.std(), factor
     for found, its in zip(judges.neighbours(cloud), expected, strict=True):
         np.testing.assert_allclose(found[own], its, rtol=1e-4, atol=1e-6)
         np.testing.assert_array_equal(found, found[cloud.source])

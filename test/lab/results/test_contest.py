@@ -127,6 +127,14 @@ def test_targets_beside_others() -> None:
     assert text.endswith('| **no** |')
 
 
+def test_where_others_are_better() -> None:
+    """It is said where another leads the best of ours."""
+    found = standings([record('mine', (8, 2, 0, 90)), record('peer', (9, 1, 0, 90))])
+    beaten = '* leslar-b: mine 0.889; peer 0.947'
+    assert contest_page.leader(found, ['mine'], ['peer']) == beaten
+    assert contest_page.leader(found, ['peer'], ['mine']) == 'Nowhere in this run.'
+
+
 def test_tables() -> None:
     """What did not compete is a dash, or left out; nothing rejected is an F1 of 0."""
     other = Record('kang-urban', 'y', 1, np.array([[10, 0, 0, 90]]), math.nan, 1.0)

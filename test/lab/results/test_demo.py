@@ -3,17 +3,20 @@
 """The demo: what it leaves, what it says, and what it does not overwrite."""
 
 import re
+from collections import Counter
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_lab.results import demo
+from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
@@ -71,6 +74,18 @@ def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
         assert said == pytest.approx(expected, abs=0.005)
     assert snow.recall.ratio > 0.8
     assert snow.lost < 0.001 * snow.good
+
+
+@pytest.mark.parametrize('name', ['before_after.png', 'snow_before_after.png'])
+def test_pictures(made: tuple[Path, str], name: str) -> None:
+    """They have the README's size, stay small, and show what was found and what is left."""
+    path = made[0] / name
+    assert path.stat().st_size < 400_000
+    with Image.open(path) as image:
+        assert image.size == (1400, 900)
+        shown = Counter(image.convert('RGB').getdata())
+    for colour in (picture.FOUND, picture.LEFT):
+        assert shown[tuple(bytes.fromhex(colour[1:]))] > 100  # type: ignore[index]
 
 
 def test_other_folders_are_refused(tmp_path: Path) -> None:

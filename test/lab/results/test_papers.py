@@ -117,6 +117,9 @@ def test_pcl_lof_against_loops(k: int) -> None:
     assert_allclose(roc.measure_pcl(near, k), naive.factors(xyz.tolist(), k), rtol=1e-12)
     found = pirotti.with_pcl(near, k)
     assert tuple(found) == pirotti.SHOWN
+    plain = roc.statistics(near, k)
+    for name in ('SOR', 'LOF'):
+        assert_allclose(plain[f'{name}2'], np.abs(plain[name] - np.median(plain[name])))
     middle = np.median(found[pirotti.PCL])
     assert_allclose(found[pirotti.PCL2], np.abs(found[pirotti.PCL] - middle))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL
+from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.train_survey import RECIPE, SCENES, see
@@ -31,6 +32,17 @@ def test_scenes_differ_and_repeat(walls: list[SurveyScene]) -> None:
     assert all(scene.name.startswith('walls') for scene in walls)
     assert any(scene.cause.any() for scene in walls)
     assert SCENES % len(KINDS) == 0
+
+
+def test_errors_come_behind_the_points() -> None:
+    """A few of them, and each with a cause."""
+    rng = np.random.default_rng(1)
+    good = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.01), (3000, 3))
+    xyz, cause = add_errors(good, 0.02, rng)
+    np.testing.assert_array_equal(xyz[:3000], good)
+    assert not cause[:3000].any()
+    assert cause[3000:].all()
+    assert 0 < len(xyz) - 3000 < 150
 
 
 def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
