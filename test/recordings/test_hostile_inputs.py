@@ -86,7 +86,7 @@ NAMES = [b'\xff\xfe', b'new\nline', b'%41 #?', '雲'.encode(), b'-x', b'[red]']
 
 
 @pytest.mark.parametrize(
-    ('kind', 'name'), zip([one for one in FORMATS if one != 'e57'], cycle(NAMES), strict=False)
+    ('kind', 'name'), [*zip([one for one in FORMATS if one != 'e57'], cycle(NAMES), strict=False)]
 )
 def test_clean(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: bytes, kind: str) -> None:
     """A file is cleaned under any name, and the log names it."""
