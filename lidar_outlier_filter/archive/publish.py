@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Give outputs their names, whole and at the end, and replace only unchanged outputs of a run.
 
-Outputs are built in a hidden folder; on S3 their parts are uploaded first. An intent, which is the
-sidecar under a hidden name, is written before the first output gets its name, and removed after the
-sidecar is there. So what a killed run named is known as an output of a run.
+Outputs are built in a hidden folder; on S3 their parts are uploaded first. Then older outputs lose
+their names, the sidecar is written, and the new outputs get theirs. So the sidecar knows whatever
+a killed run named.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,6 @@ from lidar_outlier_filter.archive.storage import (
     file_state,
     files_below,
     foreign,
-    read_all,
     remove,
     write,
 )
@@ -51,50 +49,41 @@ class FoundOutputs:
 
     Attributes
     ----------
-    noted, intended : the records of the sidecar and of the intent
+    noted : the record of the sidecar
     files : paths by name below the output folder
 
     """
 
     noted: ArchiveRecord | None
-    intended: ArchiveRecord | None
     files: Mapping[str, RecordingPath]
 
     def done(self, goal: ArchiveRecord, task: Task) -> ArchiveRecord | None:
         """Return the record of complete outputs of the same input, parameters and code."""
-        for record in (self.noted, self.intended):
-            if record is None or record.outputs.keys() != self.files.keys():
-                continue
-            names = ('source', 'size', 'parameters', 'code')
-            if not all(getattr(record, name) == getattr(goal, name) for name in names):
-                continue
-            is_same = record.source_state == goal.source_state  # or else its content decides
-            if all(agrees(self.files[name], mark) for name, mark in record.outputs.items()) and (
-                is_same or record.source_hash == content_hash(task.location)
-            ):
-                return record
-        return None
+        record = self.noted
+        if record is None or record.outputs.keys() != self.files.keys():
+            return None
+        is_same = record.source_state == goal.source_state  # or else its content decides
+        is_same = is_same or record.source_hash == content_hash(task.location)
+        return record if is_same and _is_alike(record, goal) else None
 
 
 def find_outputs(task: Task, *, read: bool = False) -> FoundOutputs:
     """Find the outputs of a task that exist; ``read`` does not trust equal states."""
     for _ in range(2):  # a run at the same time may have named one between the two lists
-        # In this order: such a run writes the sidecar before it removes the intent.
-        intended = sidecar.read(_intent(task))
         noted = sidecar.read(task.sidecar)
-        records = [record.outputs for record in (noted, intended) if record is not None]
+        marks = {} if noted is None else noted.outputs
         listed: dict[str, RecordingPath] = {}
         for name, path in zip(task.names, task.outputs, strict=True):
             listed.update(_files_at(path, name))
         known = {
             name: path
             for name, path in listed.items()
-            if any(name in of and agrees(path, of[name], read=read) for of in records)
+            if name in marks and agrees(path, marks[name], read=read)
         }
         # One that is gone was moved by a run at the same time.
         others = [path for name, path in listed.items() if name not in known and exists(path)]
         if not others:
-            return FoundOutputs(noted, intended, known)
+            return FoundOutputs(noted, known)
     raise foreign(others[0])
 
 
@@ -112,29 +101,6 @@ def _files_at(path: RecordingPath, name: str) -> dict[str, RecordingPath]:
         listed = [here] if is_empty else [here / one for one in (*names, *links)]
         inside.update({f'{name}/{one.relative_to(path)}': one for one in listed})
     return inside or {name: path}
-
-
-def done_before(task: Task, goal: ArchiveRecord, found: FoundOutputs) -> ArchiveRecord | None:
-    """Return the record of a task that is done; write the sidecar that a killed run did not."""
-    record = found.done(goal, task)
-    if record is None:
-        return None
-    if record is not found.noted:
-        with suppress(FileNotFoundError), workshop(task.folder) as built:
-            (text,) = read_all([_intent(task)])  # if not: the run lives, and has written it
-            try:
-                write(task.sidecar, text.decode(), built, is_new=found.noted is None)
-            except FilterError:
-                if sidecar.read(task.sidecar) is None:
-                    raise
-    if found.intended is not None:
-        remove(_intent(task))
-    return record
-
-
-def _intent(task: Task) -> RecordingPath:
-    name = sha256(task.names[0].encode(errors='surrogateescape')).hexdigest()[:16]
-    return task.folder / HIDDEN / f'{name}{sidecar.SUFFIX}'
 
 
 @contextmanager
@@ -180,7 +146,7 @@ def tidy(folder: RecordingPath) -> None:
 def publish(
     task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, Any], before: FoundOutputs
 ) -> ArchiveRecord:
-    """Give the outputs of a task their names, and write the sidecar.
+    """Write the sidecar of a task, and give its outputs their names.
 
     Parameters
     ----------
@@ -197,35 +163,53 @@ def publish(
     """
     files = _built(task, built)
     record = replace(record, outputs={name: mark_of(file) for name, file in files.items()})
-    is_named = False
     try:
         with ExitStack() as undo:
             streams = [] if isinstance(task.folder, Path) else _send(task, files, undo)
-            write(_intent(task), sidecar.as_text(record, log), built)
-            now = _check(task, before)
+            now = find_outputs(task, read=isinstance(task.folder, Path))  # a store marks content
+            if not _is_begun(now.noted, record):
+                if now.noted != before.noted:
+                    raise foreign(task.sidecar)
+                _remove_older(task, built, now)
+                write(task.sidecar, sidecar.as_text(record, log), built, is_new=True)
             if isinstance(task.folder, Path):
-                _rename(task, built, now)
+                _rename(task, built, undo)
             else:
-                is_named = True  # in part, if it fails
-                _complete(task, streams, now)
+                _complete(task, streams)
                 states = {name: file_state(task.folder / name)[1] for name in files}
                 marks = {k: mark._replace(state=states[k]) for k, mark in record.outputs.items()}
-                record = replace(record, outputs=marks)
-            is_named = True
+                write(task.sidecar, sidecar.as_text(replace(record, outputs=marks), log), built)
+            noted = _noted(task, record)
             undo.pop_all()
-        write(task.sidecar, sidecar.as_text(record, log), built, is_new=now.noted is None)
     except FilterError:
         with suppress(FilterError):  # the first one is raised
-            found = find_outputs(task)
-            if (other := found.done(record, task)) is not None:  # of a run that was faster
-                if found.noted is not None:
-                    remove(_intent(task))
-                return other
-        if not is_named:
-            remove(_intent(task))
+            return _noted(task, record)  # of a run that was faster
         raise
-    remove(_intent(task))
-    return record
+    return noted
+
+
+def _noted(task: Task, record: ArchiveRecord) -> ArchiveRecord:
+    """Return the sidecar of complete outputs, which a run at the same time may have written."""
+    found = find_outputs(task)
+    if found.noted is None or not _is_begun(found.noted, record):
+        raise foreign(task.sidecar)
+    if found.files.keys() != record.outputs.keys():
+        raise foreign(task.outputs[0])
+    return found.noted
+
+
+def _is_alike(one: ArchiveRecord, other: ArchiveRecord) -> bool:
+    """Compare input, parameters and code."""
+    names = ('source', 'size', 'parameters', 'code')
+    return all(getattr(one, name) == getattr(other, name) for name in names)
+
+
+def _is_begun(noted: ArchiveRecord | None, record: ArchiveRecord) -> bool:
+    """Return whether a sidecar is of these very files: a run began to name them, or has."""
+    if noted is None or not _is_alike(noted, record):
+        return False
+    one, other = ({k: mark.sha256 for k, mark in r.outputs.items()} for r in (noted, record))
+    return one == other
 
 
 @contextmanager
@@ -240,7 +224,7 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
     with workshop(path.parent) as built, ExitStack() as undo:
         yield built / path.name
         streams = _send(task, _built(task, built), undo)
-        _complete(task, streams, FoundOutputs(None, None, {}))
+        _complete(task, streams)
         undo.pop_all()
 
 
@@ -257,37 +241,41 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
     return files
 
 
-def _check(task: Task, before: FoundOutputs) -> FoundOutputs:
-    """Refuse outputs that came or changed since the work began."""
-    now = find_outputs(task, read=isinstance(task.folder, Path))  # a store marks the content
-    if now.noted != before.noted:
-        raise foreign(task.sidecar)
-    for name, path in now.files.items():
-        if name not in before.files:
-            raise foreign(path)
-    return now
-
-
-def _rename(task: Task, built: Path, now: FoundOutputs) -> None:
-    """Move old outputs into the hidden folder and new ones to their names, all or none."""
-    states = {name: file_state(path) for name, path in now.files.items()}
+def _remove_older(task: Task, built: Path, now: FoundOutputs) -> None:
+    """Remove older outputs, and behind them their sidecar: it knows those that a kill leaves."""
+    if now.noted is None:
+        return
+    if not isinstance(task.folder, Path):
+        for path in now.files.values():
+            remove(path)
+        return
     (built / 'older').mkdir()
-    with ExitStack() as undo, writable(built):
+    with writable(built):
         for name, path in zip(task.names, task.outputs, strict=True):
-            older = built / 'older' / path.name
-            was_there = any(f'{key}/'.startswith(f'{name}/') for key in now.files)
-            if isinstance(path, Path) and was_there:
-                path.rename(older)
-                undo.callback(_put_back, older, path)
-                moved = _files_at(older, name)
-                if any(states.get(key) != file_state(file) for key, file in moved.items()):
-                    raise foreign(path)  # it changed in this moment
-        paths = [path for path in task.outputs if isinstance(path, Path)]
-        new = [(built / path.name, path) for path in paths if (built / path.name).exists()]
-        for _, path in new:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        publish_all([hidden for hidden, _ in new], [path for _, path in new])
-        undo.pop_all()
+            hidden = built / 'older' / path.name
+            if isinstance(path, Path) and any(f'{k}/'.startswith(f'{name}/') for k in now.files):
+                path.rename(hidden)
+                marks, moved = now.noted.outputs, _files_at(hidden, name)
+                if not all(key in marks and agrees(moved[key], marks[key]) for key in moved):
+                    _put_back(hidden, path)  # it changed in this moment
+                    raise foreign(path)
+        hidden = built / 'older' / task.sidecar.name
+        Path(str(task.sidecar)).rename(hidden)
+        if sidecar.read(hidden) != now.noted:
+            _put_back(hidden, Path(str(task.sidecar)))
+            raise foreign(task.sidecar)
+
+
+def _rename(task: Task, built: Path, undo: ExitStack) -> None:
+    """Give outputs their names; a name that is taken must be so by an equal output."""
+    with writable(built):
+        for path in task.outputs:
+            hidden = built / path.name
+            if isinstance(path, Path) and hidden.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with suppress(FilterError):
+                    publish_all([hidden], [path])
+                    undo.callback(_put_back, path, hidden)
 
 
 def _put_back(older: Path, path: Path) -> None:
@@ -317,10 +305,8 @@ def _discard(stream: Any) -> None:
     stream.closed = True  # or it would try to write the rest when it is collected
 
 
-def _complete(task: Task, streams: Sequence[Any], now: FoundOutputs) -> None:
-    """Remove old objects, and give new ones their names, in their order."""
-    for path in now.files.values():
-        remove(path)
+def _complete(task: Task, streams: Sequence[Any]) -> None:
+    """Give new objects their names, in their order."""
     with written(task.outputs[0]):
         for stream in streams:
             stream.commit()

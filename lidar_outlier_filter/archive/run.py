@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import code_version, content_hash, parameters_hash
 from lidar_outlier_filter.archive.jobs import Result
-from lidar_outlier_filter.archive.publish import done_before, find_outputs, publish, workshop
+from lidar_outlier_filter.archive.publish import find_outputs, publish, workshop
 from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
         if job.dry:
             return job.make(task, Path(), goal, note, inform)
         before = find_outputs(task)
-        if (done := done_before(task, goal, before)) is not None:
+        if (done := before.done(goal, task)) is not None:
             return Result(done)
         with workshop(task.folder) as built:
             made = job.make(task, built, goal, note, inform)
@@ -119,7 +119,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
     def record_of(task: Task) -> ArchiveRecord | None:
         goal = job.goal(task)
         try:
-            return done_before(task, goal, find_outputs(task))
+            return find_outputs(task).done(goal, task)
         except FilterError as err:
             return replace(goal, error=str(err))
 

@@ -47,7 +47,7 @@ def words(
     return command_of(request.param, Path())
 
 
-STEPS = ('publish.write', 'publish._rename', 'new_files.publish', 'Path.rename', 'publish.remove')
+STEPS = ('publish.write', 'publish._rename', 'new_files.publish', 'Path.rename')
 
 
 def kill_at(patch: pytest.MonkeyPatch, step: str, number: int) -> None:
