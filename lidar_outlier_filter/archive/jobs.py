@@ -11,9 +11,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lidar_outlier_filter.archive.fingerprints import code_version, parameters_hash
 from lidar_outlier_filter.archive.locations import staged
-from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, SUFFIX, ArchiveRecord
+from lidar_outlier_filter.archive.sidecar import (
+    DONE,
+    NO_CLOUDS,
+    SUFFIX,
+    ArchiveRecord,
+    code_version,
+    parameters_hash,
+)
 from lidar_outlier_filter.errors import NoCloudsError
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from lidar_outlier_filter.archive.locations import exists, foreign, read_all, write
 from lidar_outlier_filter.archive.publish import tidy, workshop
 from lidar_outlier_filter.archive.rows import (
     LIMIT,
@@ -31,7 +32,6 @@ from lidar_outlier_filter.archive.rows import (
     share,
     signed,
 )
-from lidar_outlier_filter.archive.storage import exists, foreign, read_all, write
 from lidar_outlier_filter.errors import FilterError, printable
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive import sidecar
-from lidar_outlier_filter.archive.fingerprints import agrees, content_hash, mark_of
 from lidar_outlier_filter.archive.jobs import Task
-from lidar_outlier_filter.archive.locations import METADATA, Location
-from lidar_outlier_filter.archive.storage import (
+from lidar_outlier_filter.archive.locations import (
+    METADATA,
+    Location,
     exists,
     file_state,
     files_below,
@@ -28,6 +28,7 @@ from lidar_outlier_filter.archive.storage import (
     remove,
     write,
 )
+from lidar_outlier_filter.archive.sidecar import agrees, content_hash, mark_of
 from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all, writable
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.recordings.remote_path import reached, written

@@ -15,9 +15,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.archive.fingerprints import code_version, content_hash, parameters_hash
 from lidar_outlier_filter.archive.jobs import Result
 from lidar_outlier_filter.archive.publish import find_outputs, publish, workshop
+from lidar_outlier_filter.archive.sidecar import code_version, content_hash, parameters_hash
 from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error
 
 if TYPE_CHECKING:

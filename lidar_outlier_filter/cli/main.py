@@ -157,15 +157,8 @@ def _hint(options: argparse.Namespace) -> str:
 def _kind(path: Path) -> tuple[str, Sequence[str], str, Path | None]:
     """Return what a path is, which commands take it, which filters it, and what is in it first."""
     # Help is instant.
-    from lidar_outlier_filter.archive.locations import SUFFIXES as RECORDED  # noqa: PLC0415
+    from lidar_outlier_filter.archive.locations import is_recording  # noqa: PLC0415
     from lidar_outlier_filter.files.cloud_file import SUFFIXES as READABLE  # noqa: PLC0415
-
-    def is_recording(path: Path) -> bool:
-        if not path.is_dir():
-            return path.suffix in RECORDED
-        names = [one.name for one in path.iterdir() if one.suffix in RECORDED]
-        own = any(name.startswith(path.name) for name in names)
-        return own or (path / 'metadata.yaml').is_file()
 
     if is_recording(path):
         return 'recording', OF_RECORDINGS, 'replay', None

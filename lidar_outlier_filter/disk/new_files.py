@@ -36,7 +36,7 @@ _UNSUPPORTED = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP}  # by an old kernel, 
 
 
 @contextmanager
-def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
+def hidden_folder(path: Path) -> Iterator[Path]:
     """Give a hidden folder beside ``path``; remove it at the end, and those of killed runs before.
 
     Raises
@@ -45,7 +45,7 @@ def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
         If it cannot be made.
 
     """
-    prefix = f'.{path.name}.{kind}-'
+    prefix = f'.{path.name}.partial-'
     with os.scandir(path.parent) as found:
         left = [one for one in found if one.name.startswith(prefix)]
     for one in left:

@@ -14,7 +14,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
-from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_large, judge_whole
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS
@@ -151,9 +151,10 @@ def judge_file(  # noqa: PLR0913  options and callbacks
 
         def judge(cloud: Points) -> Verdict:
             progress(0, 0, 'judging')
-            if options.tile > 0 and cloud.ring is None:  # a turn of a spinning sensor is small
-                return judge_large(cloud, parameters, options.tile, allocate, slow)
-            return judge_whole(cloud, parameters, slow=slow)
+            tile = (
+                options.tile if cloud.ring is None else 0.0
+            )  # a turn of a spinning sensor is small
+            return judge_whole(cloud, parameters, slow=slow, tile=tile, allocate=allocate)
 
         everything = _judge_strips(loaded, judge) if options.strips else judge(loaded.points)
         verdict = everything

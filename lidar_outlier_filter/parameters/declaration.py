@@ -9,7 +9,7 @@ import math
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
 
@@ -149,8 +149,6 @@ def declare(  # noqa: PLR0913  one line declares all that is known of a paramete
 
 class Section:
     """Parameters of one detector: a frozen dataclass of fields that :func:`declare` made."""
-
-    further: ClassVar[Mapping[str, type[Section]]] = {}  # sections of other names
 
     def check(self) -> None:
         """Refuse settings that make sense alone but not with each other."""

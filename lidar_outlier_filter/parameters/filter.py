@@ -339,7 +339,7 @@ def installed() -> Installed:
 @cache
 def _sections() -> dict[str, type[Section]]:
     """Return the parameters of all detectors, by the first part of their names."""
-    return {k: v for one in installed().detectors.values() for k, v in one.sections.items()}
+    return {name: one.section for name, one in installed().detectors.items()}
 
 
 @cache

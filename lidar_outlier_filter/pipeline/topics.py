@@ -20,10 +20,10 @@ def output_topics(topic: str) -> tuple[str, str]:
     return topic + CLEANED, topic + OUTLIERS
 
 
-def resolve(name: str, node: str = '/outlier_filter_node') -> str:
+def resolve(name: str) -> str:
     """Return a name as ROS expands it for a node without a namespace."""
     if name.startswith('~'):
-        return node + name.removeprefix('~')
+        return '/outlier_filter_node' + name.removeprefix('~')
     return name if name.startswith('/') else f'/{name}'
 
 

@@ -16,7 +16,7 @@ from helpers.archives import SET, content, hidden, records, replaying, tree, wri
 from helpers.drives import hashes, rows_of_turn, topic_of, write_drive
 from helpers.labelled import write
 
-from lidar_outlier_filter.archive import fingerprints, jobs, run, workers
+from lidar_outlier_filter.archive import jobs, run, sidecar, workers
 from lidar_outlier_filter.cli import archive as command
 from lidar_outlier_filter.cli import tables
 from lidar_outlier_filter.cli.main import main
@@ -70,7 +70,7 @@ def test_what_is_done_is_left(monkeypatch: pytest.MonkeyPatch, capsys: Capture) 
     assert run_on() == 0
     before = tree(OUT)
     with monkeypatch.context() as patch:
-        patch.setattr(fingerprints, 'file_hash', lambda _: pytest.fail('a file was read'))
+        patch.setattr(sidecar, 'file_hash', lambda _: pytest.fail('a file was read'))
         capsys.readouterr()
         assert run_on(DRIVES, '--set=threads=1') == 0
     assert '0 replayed, 2 done before, 0 failed' in capsys.readouterr().out
@@ -130,7 +130,7 @@ def test_parameters_that_decide() -> None:
     """The content of a mask decides, not its name; the options do; threads do not."""
 
     def of(parameters: FilterParameters, **options: object) -> str:
-        return fingerprints.parameters_hash(parameters, options)
+        return sidecar.parameters_hash(parameters, options)
 
     found = []
     for name, text in (('car', 'a'), ('car', 'b'), ('bus', 'b')):
@@ -140,7 +140,7 @@ def test_parameters_that_decide() -> None:
     plain = FilterParameters()
     assert of(plain) == of(FilterParameters(threads=1)) not in found
     assert of(plain) != of(plain, topics=['/lidar'])
-    assert fingerprints.code_version() == fingerprints.code_version()
+    assert sidecar.code_version() == sidecar.code_version()
 
 
 def test_a_damaged_recording_fails_alone(capsys: Capture) -> None:
@@ -199,7 +199,7 @@ def test_all_clouds_refused(capsys: Capture) -> None:
 
 def test_any_error_costs_its_recording_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever it is."""
-    known = fingerprints.content_hash
+    known = sidecar.content_hash
 
     def fail(location: Any) -> str:
         if location.path.name == 'first':

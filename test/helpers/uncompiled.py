@@ -59,7 +59,7 @@ SIZES = (1, 7, 48)  # points of clouds that nobody has scanned
 def settings(name: str) -> Iterator[dict[str, object]]:
     """Give the defaults of a detector, and each other choice that it has."""
     yield {}
-    for section, kind in DETECTORS[name].sections.items():
+    for section, kind in {name: DETECTORS[name].section}.items():
         for item in walk(kind, f'{section}.'):
             for choice in item.choices:
                 if choice not in {item.default, 'filterpy'}:  # which calls no kernel of ours

@@ -106,7 +106,7 @@ def test_declarations_agree_with_the_parameters() -> None:
     names = {item.name for item in describe()}
     for name, detector in DETECTORS.items():
         assert detector.name == name
-        for section, kind in detector.sections.items():
+        for section, kind in {detector.name: detector.section}.items():
             assert {item.name for item in walk(kind, f'{section}.')} <= names
             assert FilterParameters().of(kind) == kind()
         swept = threshold(detector, FilterParameters())

@@ -201,7 +201,7 @@ DETECTORS = f'{PACKAGE}.core.detectors'
 
 def homes() -> dict[str, str]:
     """Find the module or folder of each detector by the first part of its parameters' names."""
-    return {name: f'{DETECTORS}.{one.name}' for one in BUILTIN.values() for name in one.sections}
+    return {name: f'{DETECTORS}.{name}' for name in BUILTIN}
 
 
 def is_about(text: str, names: Iterable[str]) -> bool:

@@ -67,11 +67,6 @@ class Detector:
         return scores
 
     @property
-    def sections(self) -> dict[str, type[Section]]:
-        """All its parameters, by the first part of their names."""
-        return {self.name: self.section, **self.section.further}
-
-    @property
     def home(self) -> str:
         """The package of its parameters, or their module if that is not in a package."""
         module = self.section.__module__
@@ -93,16 +88,13 @@ class Contributions(NamedTuple):
     method : how they were judged, of ``Explanation.ways``
     names : of the F features
     added : (F, M) float32
-        To log-odds; to the score itself where the way is one of ``Explanation.of_score``.
-    average : (M,) float32
-        To what it is added.
+        To log-odds.
 
     """
 
     method: str
     names: tuple[str, ...]
     added: Singles
-    average: Singles
 
 
 @dataclass(frozen=True)
@@ -114,7 +106,6 @@ class Explanation:
     reasons : what the numbers mean that it gives as ``Scores.reason``, from 1 to 255
         They are none of those of other detectors, and never change their meaning.
     methods : the ways in which it judges, for people; of each its features, with a few words
-    of_score : those whose features add up to the score; those of others add up to log-odds
     choose : of what it sees, by which parameters: the way in which it will judge
     explain : of what it saw, by which parameters, and of which points
 
@@ -122,7 +113,6 @@ class Explanation:
 
     reasons: Mapping[int, ReasonName]
     methods: Mapping[str, Mapping[str, str]]
-    of_score: Collection[str]
     choose: Callable[[DetectorInput, FilterParameters], str]
     explain: Callable[[DetectorInput, FilterParameters, Bools], Contributions]
 

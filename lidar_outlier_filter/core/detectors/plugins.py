@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import fields
 from importlib.metadata import distributions
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN, DEFAULT
@@ -92,10 +91,8 @@ def _load(
     _check_fields(one, title)
     if one.name != point.name:
         raise ParameterError(f'the name of {title}', 'that of its entry point', repr(one.name))
-    taken = {*reserved, *chain.from_iterable(other.sections for other in found.values())}
-    for section in one.sections:
-        if section in taken:
-            raise ParameterError(f'the name of parameters of {title}', 'a new one', repr(section))
+    if one.name in {*reserved, *found}:
+        raise ParameterError(f'the name of parameters of {title}', 'a new one', repr(one.name))
     free = [bit for bit in BITS if bit not in {other.bit for other in found.values()}]
     if one.bit not in free:
         must_be = f'one of {", ".join(map(str, free))}'

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import contextmanager
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, NamedTuple
 
 from lidar_outlier_filter.core.kernels import listeners
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     SaySlow = Callable[['SlowDetector'], object]
 
+PERIOD_S = 0.1  # between two looks
 SLOW_FACTOR = 10.0  # × max_delay: a detector that takes longer for a block is slow
 
 
@@ -54,35 +55,31 @@ class _Watchdog:
 
     def reset(self) -> None:
         """Forget the thread: a forked process has none."""
-        self._changed = threading.Condition()
+        self._lock, self._is_started = threading.Lock(), False
         self._due: dict[object, tuple[float, Callable[[], object]]] = {}
-        self._wakes = float('-inf')  # time at which the thread looks again; it is not started
 
     def add(self, key: object, due: float, call: Callable[[], object]) -> None:
-        """Call a function at a time, unless it is removed before."""
-        with self._changed:
+        """Call a function at a time, or a little later, unless it is removed before."""
+        with self._lock:
             self._due[key] = (due, call)
-            if self._wakes == float('-inf'):
+            if not self._is_started:
                 threading.Thread(target=self._run, name='slow detectors', daemon=True).start()
-                self._wakes = due
-            elif due < self._wakes:
-                self._changed.notify()
+            self._is_started = True
 
     def remove(self, key: object) -> None:
         """Do not call it any more."""
-        with self._changed:
+        with self._lock:
             self._due.pop(key, None)
 
     def _run(self) -> None:
-        with self._changed:
-            while True:
-                now = monotonic()
-                for key in [key for key, (due, _) in self._due.items() if due <= now]:
-                    _, call = self._due.pop(key)
-                    # A thread of its own: whatever it does, the others are still watched.
-                    threading.Thread(target=call, daemon=True).start()
-                self._wakes = min((due for due, _ in self._due.values()), default=float('inf'))
-                self._changed.wait(None if not self._due else self._wakes - now)
+        while True:
+            sleep(PERIOD_S)
+            with self._lock:
+                late = [key for key, (due, _) in self._due.items() if due <= monotonic()]
+                calls = [self._due.pop(key)[1] for key in late]
+            for call in calls:
+                # A thread of its own: whatever it does, the others are still watched.
+                threading.Thread(target=call, daemon=True).start()
 
 
 _watchdog = _Watchdog()

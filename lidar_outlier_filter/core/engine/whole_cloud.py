@@ -71,63 +71,42 @@ def judge_whole(
     parameters: FilterParameters,
     chain: Chain | None = None,
     slow: SaySlow | None = None,
+    *,
+    tile: float = 0.0,
+    allocate: Allocate = np.empty,
 ) -> Verdict:
-    """Judge the valid points of a cloud in one piece; the others stay untested.
-
-    The ``chain`` is that of the parameters, unless another one is given. ``slow`` is called while a
-    detector takes too long.
-
-    Raises
-    ------
-    CloudError
-        If they are more than ``max_points``.
-
-    """
-    where = np.flatnonzero(cloud.valid)
-    if len(where) > parameters.max_points:
-        must_be = f'at most max_points = {parameters.max_points}'
-        raise CloudError('the number of points judged in one piece', must_be, len(where))
-    verdict = Verdict.beforehand(cloud)
-    if len(where):
-        chain = chain or Chain(parameters)
-        chain.slow, chain.whole = slow, True
-        verdict.put(where, chain.judge(cloud.take(where)))
-    return verdict
-
-
-def judge_large(
-    cloud: Points,
-    parameters: FilterParameters,
-    tile: float,
-    allocate: Allocate,
-    slow: SaySlow | None = None,
-) -> Verdict:
-    """Judge the valid points of a cloud that is larger than memory; the others stay untested.
-
-    Verdicts are those of :func:`judge_whole`, except for detectors that judge in tiles.
+    """Judge the valid points of a cloud; the others stay untested.
 
     Parameters
     ----------
     cloud : N points, whose coordinates may be a file
     parameters : of the filter
-    tile : side of a tile, metres
-    allocate : returns an array of a shape and a type that is a file
+    chain : that of the parameters, unless another one is given
     slow : called while a detector takes too long
+    tile : metres; of a cloud that is larger than memory the side of the tiles of detectors that
+        judge in tiles; all others judge in one piece, with the same verdict
+    allocate : returns an array of a shape and a type, which may be a file
 
     Raises
     ------
     ParameterError
-        If a detector of the chain needs all points in memory.
+        If a detector needs all points in memory where there are tiles.
     CloudError
-        If a tile with its halo has more than ``max_points``.
+        If there are more than ``max_points``, or in a tile with its halo.
 
     """
-    for name in parameters.chain:
+    where = np.flatnonzero(cloud.valid)
+    if tile == 0 and len(where) > parameters.max_points:
+        must_be = f'at most max_points = {parameters.max_points}'
+        raise CloudError('the number of points judged in one piece', must_be, len(where))
+    for name in parameters.chain if tile > 0 else ():
         if DETECTORS[name].large == 'no':
             raise ParameterError('chain', f'without {name} where there are tiles', name)
-    chain = Chain(parameters, whole=True)
-    chain.slow, chain.tile, chain.see = slow, tile, partial(DetectorInput, allocate=allocate)
-    verdict, where = Verdict.beforehand(cloud), np.flatnonzero(cloud.valid)
+    verdict = Verdict.beforehand(cloud)
     if len(where):
+        chain = chain or Chain(parameters)
+        chain.slow, chain.whole, chain.tile = slow, True, tile
+        if tile > 0:
+            chain.see = partial(DetectorInput, allocate=allocate)
         verdict.put(where, chain.judge(cloud.take(where, allocate)))
     return verdict

@@ -13,9 +13,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from lidar_outlier_filter.core.annotations import Allocate, Floats
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.engine.tiles import tiles
-from lidar_outlier_filter.core.engine.whole_cloud import judge_large, judge_whole
+from lidar_outlier_filter.core.engine.chain import Chain, tiles
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -74,12 +73,14 @@ def test_same_as_in_memory(name: str, chain: str, chosen: int, allocate: Allocat
     points, parameters = cloud(name, chosen), FilterParameters().changed(CHAINS[chain])
     expected = judge_whole(points, parameters)
     assert chosen < COUNT or expected.rejected.any()
-    assert_same(judge_large(points, parameters, 9.0, allocate), expected)
+    assert_same(judge_whole(points, parameters, tile=9.0, allocate=allocate), expected)
 
 
 def test_coordinates_and_lists_are_in_files(allocate: Allocate, tmp_path: Path) -> None:
     """What is held for each point and neighbour lies in files: most of the bytes of a cloud."""
-    judge_large(cloud('rough'), FilterParameters().changed(CHAINS['lof']), 9.0, allocate)
+    judge_whole(
+        cloud('rough'), FilterParameters().changed(CHAINS['lof']), tile=9.0, allocate=allocate
+    )
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) > COUNT * (3 * 24 + 4 * 8) * 0.9
 
 
@@ -89,7 +90,7 @@ def test_quadric_is_given_each_tile_with_its_halo(allocate: Allocate) -> None:
     x, y = points.xyz[:, 0], points.xyz[:, 1]
     points.xyz[:, 2] += np.where(np.arange(COUNT) % 50 == 9, 0.0, 0.1 * x)
     parameters = FilterParameters().changed({'chain': ['quadric'], 'quadric.section': 16})
-    verdict = judge_large(points, parameters, 10.0, allocate)
+    verdict = judge_whole(points, parameters, tile=10.0, allocate=allocate)
     rejected = 0
     for i in range(3):
         for j in range(2):
@@ -118,7 +119,7 @@ def test_too_many_points_in_a_tile(allocate: Allocate) -> None:
     """A tile that holds more than may be held is refused."""
     parameters = FilterParameters().changed({'chain': ['quadric'], 'max_points': 1000})
     with pytest.raises(CloudError, match=r'tile with its halo must be at most max_points = 1000'):
-        judge_large(cloud('rough'), parameters, 100.0, allocate)
+        judge_whole(cloud('rough'), parameters, tile=100.0, allocate=allocate)
 
 
 @pytest.mark.parametrize('name', ['hierarchical', 'elevation'])
@@ -127,4 +128,4 @@ def test_what_needs_memory_is_refused(name: str, allocate: Allocate) -> None:
     assert DETECTORS[name].large == 'no'
     parameters = FilterParameters().changed({'chain': ['sor', name]})
     with pytest.raises(ParameterError, match=f'chain must be without {name} where there are tiles'):
-        judge_large(cloud('rough'), parameters, 10.0, allocate)
+        judge_whole(cloud('rough'), parameters, tile=10.0, allocate=allocate)

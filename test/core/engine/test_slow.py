@@ -95,7 +95,7 @@ def test_who_is_in_time_is_not_named() -> None:
     points = Points(np.ones((3, 3)), np.arange(3), np.zeros(3, np.int64), np.ones(3, np.bool_))
     with watched('late', 0.001, points, noted.append):
         done = threading.Event()
-        with watched('later', 0.002, points, lambda _: done.set()):
+        with watched('later', 0.05, points, lambda _: done.set()):
             assert done.wait(LONGEST)
         with watched('in time', 60.0, points, noted.append), watched('nobody', 0.0, points, None):
             pass

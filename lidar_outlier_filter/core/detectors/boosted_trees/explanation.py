@@ -37,7 +37,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import TreeModel, Trees
+    from lidar_outlier_filter.core.detectors.boosted_trees.trees import TreeModel
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -61,15 +61,15 @@ def contributions(
     method, found = choose(seen, parameters)
     if found is not None:
         names = NAMES[PROFILE_MODEL if found.profile else PATTERN_MODEL][1]
-        return Contributions(method.value, names, *_of_pattern(found, selected, seen.threads))
+        return Contributions(method.value, names, _of_pattern(found, selected, seen.threads))
     if method is Method.NEIGHBOURS:
-        return Contributions(method.value, NAMES[SURVEY_MODEL][1], *_of_survey(seen, selected))
-    nothing = np.zeros((1, np.count_nonzero(selected)), np.float32)
-    return Contributions(method.value, (), nothing[:0], nothing[0])
+        return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
+    nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
+    return Contributions(method.value, (), nothing)
 
 
-def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> tuple[Singles, Singles]:
-    """Return contributions (F, W) and averages (W,) of selected points with a scan pattern."""
+def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> Singles:
+    """Return contributions (F, W) of selected points with a scan pattern."""
     model = load(PROFILE_MODEL if found.profile else PATTERN_MODEL)
     prepared = prepare_all(found, threads)
     first = first_pass(prepared, model.first, threads)
@@ -79,18 +79,16 @@ def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> tuple[Sin
     asked[cell[selected]] = True  # copies share a cell
     again = first.score[asked] > np.float32(model.doubtful)
     values = measure(prepared, first, asked, threads)
-    added, average = _of_passes(model, again, values[:, ~again], values[:, again])
-    columns = (np.cumsum(asked) - 1)[cell[selected]]
-    return added[:, columns], average[columns]
+    added = _of_passes(model, again, values[:, ~again], values[:, again])
+    return added[:, (np.cumsum(asked) - 1)[cell[selected]]]
 
 
-def _of_survey(seen: DetectorInput, selected: Bools) -> tuple[Singles, Singles]:
-    """Return contributions (F, W) and averages (W,) of selected points without a scan pattern."""
+def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
+    """Return contributions (F, W) of selected points without a scan pattern."""
     model, xyz = load(SURVEY_MODEL), seen.points.xyz
     hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
     if len(hood) <= K:  # too few points to judge
-        nothing = np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
-        return nothing, nothing[0]
+        return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
     near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), seen.threads))
     first = survey.first_odds(near, model.first, seen.threads)
     asked, column = selected.copy(), np.empty(len(xyz), np.int64)
@@ -101,27 +99,18 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> tuple[Singles, Singles]:
     again = first[which] > np.float32(model.doubtful)
     far = Far(near, first, hood.nearest_of(which[again], min(MAX_NEIGHBOURS, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
-    added, average = _of_passes(model, again, *values)
-    return added[:, column[selected]], average[column[selected]]
+    return _of_passes(model, again, *values)[:, column[selected]]
 
 
-def _of_passes(
-    model: TreeModel, again: Bools, first: Singles, second: Singles
-) -> tuple[Singles, Singles]:
-    """Return contributions (F, W) and averages (W,) by the pass that judged each point.
+def _of_passes(model: TreeModel, again: Bools, first: Singles, second: Singles) -> Singles:
+    """Return contributions (F, W) by the pass that judged each point.
 
     ``first`` and ``second`` are the features of the points that each pass judged.
     """
     added = np.zeros((len(second), len(again)), np.float32)
     added[: len(first), ~again] = contribute(model.first, first)
     added[:, again] = contribute(model.again, second)
-    average = np.where(again, average_of(model.again), average_of(model.first))
-    return added, average.astype(np.float32)
-
-
-def average_of(trees: Trees) -> float:
-    """Return the mean log-odds of an ensemble."""
-    return float(trees.start + trees.value.mean(axis=1, dtype=np.float64).sum())
+    return added
 
 
 EXPLANATION = Explanation(
@@ -129,7 +118,6 @@ EXPLANATION = Explanation(
         number: ReasonName(name, _PATTERN[name]) for number, name in features.REASON_NAMES.items()
     },
     methods={Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS},
-    of_score=(),
     choose=lambda seen, parameters: choose(seen, parameters)[0].value,
     explain=contributions,
 )
