@@ -109,9 +109,10 @@ BESIDE_EACH = 2  # rings beside each, below and above
 LAG = 8  # returns of a ring, to measure how fast the head turns
 SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
 MIN_RING_RETURNS = 2 * LAG  # returns of a ring that show how fast the head turns
-MIN_STEADY_SHARE = (
-    0.9  # share of the steps along rings that go the way the head turns: less is no pattern
-)
+MIN_STEADY_SHARE = 0.9  # of the steps along rings go the way the head turns, or there is no pattern
+# Rows of a range image hold several returns of a column in any order: there many steps go back, by
+# small angles, so it is the share of all angles.
+MIN_FORWARD_SHARE = 0.7
 AT_ONCE = 1 << 14  # points that a thread takes
 MIN_GAP_RAD = 1e-4  # rad between rings
 MIN_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
@@ -141,7 +142,7 @@ ATAN = np.array(
 
 
 def find_pattern(
-    points: Points, threads: int = 0, *, spins: bool = False, steady: float = MIN_STEADY_SHARE
+    points: Points, threads: int = 0, *, spins: bool = False, in_rows: bool = False
 ) -> Pattern | None:
     """Sort points by ring and azimuth.
 
@@ -150,7 +151,7 @@ def find_pattern(
     points : valid ones, in the sensor's own frame
     threads : at most so many at once; 0 for as many as there are cores
     spins : the sensor is known to spin; otherwise it does where lines are measured at once
-    steady : the share of the steps along rings that must go the way the head turns
+    in_rows : rings may be rows of a range image, in whose columns returns come in any order
 
     Returns
     -------
@@ -166,7 +167,7 @@ def find_pattern(
     if not spins and not is_interleaved(t, first):
         return None
     lines = OrderedLines(points.xyz, points.range, order, first)
-    turned = _turn(lines, t, steady, threads)
+    turned = _turn(lines, t, in_rows, threads)
     if turned is None:
         return None
     lines, turned, copies = _leave_out_copies(lines, turned, points.intensity)
@@ -200,7 +201,7 @@ class _Turned(NamedTuple):
     up: Floats
 
 
-def _turn(lines: OrderedLines, t: Ints, share: float, threads: int) -> _Turned | None:
+def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> _Turned | None:
     """Sort each ring by the angle turned; None where the head does not turn steadily."""
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
@@ -215,7 +216,12 @@ def _turn(lines: OrderedLines, t: Ints, share: float, threads: int) -> _Turned |
         at_once,
         threads,
     )
-    if steady.sum() < share * count:
+    if in_rows:
+        step = np.diff(phase)
+        step[lines.first[1:-1] - 1] = 0.0
+        if step[step > 0].sum() < MIN_FORWARD_SHARE * np.abs(step).sum():
+            return None
+    elif steady.sum() < MIN_STEADY_SHARE * count:
         return None
 
     def sort(begin: int, end: int) -> None:

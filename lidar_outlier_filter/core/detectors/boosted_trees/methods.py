@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
-UNSORTED = 0.8  # share of the steps along rings that go the way the head turns, at least
-
-
 class Method(Enum):
     """How the default detector scores a cloud, in words for users."""
 
@@ -71,8 +68,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         moved = find_own_frame(points)
         pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
     if pattern is None:
-        # Rows of a range image, whose azimuths are not sorted.
-        pattern = find_pattern(turned, threads, spins=spins, steady=UNSORTED)
+        # Rows of a range image, in whose columns azimuths are not sorted.
+        pattern = find_pattern(turned, threads, spins=spins, in_rows=True)
     return None if pattern is None else FoundPattern(pattern, profile=False)
 
 
