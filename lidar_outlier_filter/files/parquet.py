@@ -21,6 +21,7 @@ from lidar_outlier_filter.files.cloud_file import (
     check_count,
     check_fits,
     check_names,
+    readable,
 )
 
 if TYPE_CHECKING:
@@ -80,11 +81,12 @@ class ParquetFile(CloudFile):
             self.path.open('rb') as stream,
             parquet.ParquetFile(stream) as file,
             path.open('wb') as target,
-            parquet.ParquetWriter(target, schema, **_properties(file)) as writer,
+            parquet.ParquetWriter(target, schema, **_properties(self.path, file)) as writer,
         ):
             for group in range(file.num_row_groups):
-                check_texts(self.path, file, group)
-                table = file.read_row_group(group)
+                with readable(self.path):
+                    check_values(self.path, file, group)
+                    table = file.read_row_group(group)
                 part = slice(done, done + len(table))
                 for name, values in change.added.items():
                     table = table.append_column(name, pa.array(values[part]))
@@ -104,10 +106,13 @@ def _numbers(column: Any) -> NDArray[Any]:
     return np.asarray(column.to_numpy(zero_copy_only=False))
 
 
-def _properties(file: Any) -> dict[str, Any]:
+def _properties(path: Path, file: Any) -> dict[str, Any]:
     """Return the options of a writer for the compression and version of the file."""
     if file.num_row_groups == 0:
         return {}
+    # pyarrow aborts at the metadata of a damaged column, and raises where it reads one.
+    with readable(path):
+        next(file.iter_batches(1, row_groups=[0]), None)
     group = file.metadata.row_group(0)
     columns = (group.column(i) for i in range(group.num_columns))
     compression = {
@@ -125,24 +130,29 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> int:
     check_count(path, metadata.num_rows, sum(group.num_rows for group in groups))
     most = MAX_ROWS_PER_BYTE * path.stat().st_size
     check_fits(path, 'the number of points', metadata.num_rows, 1, most)
+    # The schema has the width of values of a fixed length.
+    widths = (_WIDTHS.get(c.physical_type) or c.length for c in _columns(file, repeated=False))
+    width = sum(widths)
     for number, group in enumerate(groups):
-        total = 0
-        for index in range(group.num_columns):
-            column = group.column(index)
-            # The schema has the width of values of a fixed length.
-            width = _WIDTHS.get(column.physical_type) or file.schema.column(index).length
-            total += max(column.total_uncompressed_size, column.num_values * width)
-        _check_size(path, number, group.num_rows, total)
+        _check_size(
+            path, number, group.num_rows, max(group.total_byte_size, group.num_rows * width)
+        )
     return int(metadata.num_rows)
 
 
-def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
-    """Refuse a row group whose texts, and other values of any length, become too large."""
+def _columns(file: parquet.ParquetFile, *, repeated: bool) -> list[Any]:
+    """Return the columns that have several values in a row, or the others."""
+    columns = (file.schema.column(index) for index in range(len(file.schema.names)))
+    return [column for column in columns if (column.max_repetition_level > 0) == repeated]
+
+
+def check_values(path: Path, file: parquet.ParquetFile, number: int) -> None:
+    """Refuse a row group whose lists, texts and other values of any length become too large."""
     rows, total = file.metadata.row_group(number).num_rows, 0
-    columns = [file.schema.column(index) for index in range(len(file.schema.names))]
-    texts = [column.path for column in columns if column.physical_type == _TEXT]
+    texts = [c for c in _columns(file, repeated=False) if c.physical_type == _TEXT]
+    paths = [column.path for column in texts + _columns(file, repeated=True)]
     # Few at once: one that is repeated may be as long as the file.
-    for batch in file.iter_batches(_ROWS, row_groups=[number], columns=texts) if texts else ():
+    for batch in file.iter_batches(_ROWS, row_groups=[number], columns=paths) if paths else ():
         # The values of a dictionary are held once.
         held = (c.indices if pa.types.is_dictionary(c.type) else c for c in batch.columns)
         total += sum(column.nbytes for column in held)

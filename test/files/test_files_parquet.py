@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parquet: schema, metadata, row groups, compression and all other columns are kept."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,20 @@ def test_counts_that_lie(tmp_path: Path, said: bytes, other: bytes, refusal: str
     path.write_bytes(data[:footer] + data[footer:].replace(b'\x16' + said, b'\x16' + other))
     with pytest.raises(CloudError, match=refusal):
         open_cloud(path)
+
+
+def test_no_change_of_the_footer_ends_the_process(tmp_path: Path) -> None:
+    """A file with one changed byte of the footer is copied or refused; pyarrow may not abort."""
+    path, other = tmp_path / 'cloud.parquet', tmp_path / 'other.parquet'
+    parquet.write_table(pa.table({name: np.arange(3.0) for name in 'xyz'}), path)
+    data = path.read_bytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], 'little')
+    for at in range(footer, len(data) - 8):
+        changed = bytearray(data)
+        changed[at] ^= 1
+        other.write_bytes(changed)
+        with suppress(CloudError):
+            copied(other, Change())
 
 
 @pytest.mark.parametrize(
