@@ -18,9 +18,8 @@ from lidar_outlier_filter.archive.sidecar import DONE, FAILED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
+    from lidar_outlier_filter.core.annotations import Floats
 
 LIMIT = 3.5  # absolute robust z of an odd share
 MIN_COMPARED = 5  # recordings
@@ -105,11 +104,11 @@ def compare(records: Iterable[ArchiveRecord]) -> list[ArchiveRow]:
     )
 
 
-def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+def robust_z(values: Floats, least: float) -> Floats:
     """Return distances from the median in robust deviations, of which ``least`` is assumed."""
     distance = values - np.median(values)
     deviation = SIGMA * np.median(np.abs(distance))
-    result: NDArray[np.float64] = distance / max(deviation, least)
+    result: Floats = distance / max(deviation, least)
     return result
 
 

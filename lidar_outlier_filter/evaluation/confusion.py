@@ -24,9 +24,7 @@ from scipy.special import ndtri
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Reals
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of the bootstrap
@@ -180,7 +178,7 @@ def tally(bad: Bools, rejected: Bools, group: Ints | None = None, groups: int = 
     return np.bincount(code, minlength=4 * groups).reshape(groups, 4)
 
 
-def f1(counts: Ints) -> NDArray[np.float64]:
+def f1(counts: Ints) -> Floats:
     """Return the F1 of tallies, (..., 4) to (...); NaN of nothing to find and nothing rejected."""
     twice = 2.0 * counts[..., FOUND]
     below = twice + counts[..., LOST] + counts[..., MISSED]
@@ -284,7 +282,7 @@ class Curve:
         return Curve(self.threshold[index], self.found[index], self.lost[index])
 
 
-def curve(bad: Bools, score: NDArray[np.floating]) -> Curve:
+def curve(bad: Bools, score: Reals) -> Curve:
     """Count what every threshold rejects.
 
     Parameters

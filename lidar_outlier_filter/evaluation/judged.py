@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Ints, Rows
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Reals, Rows
 
 SURFACE = 'surface'
 # What the label of a simulated drive says.
@@ -71,20 +71,20 @@ class Judged:
 
     """
 
-    code: NDArray[np.int64]
-    bad: NDArray[np.bool_]
-    rejected: NDArray[np.bool_]
-    index: NDArray[np.int64]
-    score: NDArray[np.floating] | None = None
+    code: Ints
+    bad: Bools
+    rejected: Bools
+    index: Ints
+    score: Reals | None = None
     detectors: NDArray[np.uint16] | None = None
-    range: NDArray[np.float64] | None = None
-    surface: NDArray[np.uint8] | None = None
+    range: Floats | None = None
+    surface: Bytes | None = None
 
     def __len__(self) -> int:
         """Count the points."""
         return len(self.code)
 
-    def take(self, part: NDArray[np.bool_] | NDArray[np.intp]) -> Judged:
+    def take(self, part: Bools | NDArray[np.intp]) -> Judged:
         """Choose points by mask or index."""
         chosen: dict[str, Any] = {
             field.name: None if (column := getattr(self, field.name)) is None else column[part]
@@ -92,7 +92,7 @@ class Judged:
         }
         return Judged(**chosen)
 
-    def stretch(self, count: int) -> tuple[NDArray[np.int64], int]:
+    def stretch(self, count: int) -> tuple[Ints, int]:
         """Cut what was judged into so many stretches, or as many as there are clouds.
 
         Returns the number of each point's stretch, and how many there are.

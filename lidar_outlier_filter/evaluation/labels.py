@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Ints
+    from lidar_outlier_filter.core.annotations import Bools, Ints
 
 MOST_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
 CLASSIFICATION, LABEL = 'classification', 'label'
@@ -45,11 +45,11 @@ class Codes:
     ignored: frozenset[int] = frozenset()
     names: Mapping[int, str] = field(default_factory=dict)
 
-    def bad(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def bad(self, code: Ints) -> Bools:
         """Return which points (N,) are outliers."""
         return np.isin(code, list(self.outliers)) if self.outliers else code != 0
 
-    def counted(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def counted(self, code: Ints) -> Bools:
         """Return which points (N,) count."""
         return np.isin(code, list(self.ignored), invert=True)
 
@@ -131,7 +131,7 @@ def usual_column(path: Path, usual: Sequence[str]) -> str:
     raise RecordingError(f'the columns of {path}', f'with {" or ".join(usual)}', ', '.join(names))
 
 
-def read_codes(path: Path, name: str = '') -> NDArray[np.int64]:
+def read_codes(path: Path, name: str = '') -> Ints:
     """Read a column of whole numbers, (N,); see :func:`read_column`.
 
     Without a name it is ``classification`` or ``label``, whichever is there.
@@ -144,7 +144,7 @@ def read_codes(path: Path, name: str = '') -> NDArray[np.int64]:
     return values.astype(np.int64)
 
 
-def read_codes_of(path: Path, points: int, name: str = '') -> NDArray[np.int64]:
+def read_codes_of(path: Path, points: int, name: str = '') -> Ints:
     """Read a column of whole numbers, one for each of so many points."""
     code = read_codes(path, name)
     if len(code) != points:

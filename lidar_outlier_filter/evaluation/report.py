@@ -30,8 +30,7 @@ from lidar_outlier_filter.evaluation.truth import Kind
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.core.annotations import Ints
     from lidar_outlier_filter.evaluation.confusion import Curve
     from lidar_outlier_filter.evaluation.judged import Judged
     from lidar_outlier_filter.evaluation.labels import Codes
@@ -58,7 +57,7 @@ class Evaluation:
     """
 
     whole: Confusion
-    stretches: NDArray[np.int64]
+    stretches: Ints
     causes: Mapping[str, Share]
     surfaces: Mapping[str, Share]
     ranges: Mapping[str, Confusion]

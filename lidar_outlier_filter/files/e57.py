@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.files.cloud_file import Change
 
 _PLACES = ('cartesianX', 'cartesianY', 'cartesianZ')
@@ -54,7 +55,7 @@ class _PosedScan:
     number: int
     count: int
     fields: Mapping[str, np.dtype[Any]]
-    pose: NDArray[np.float64]  # (3, 4), rotation and position
+    pose: Floats  # (3, 4), rotation and position
 
 
 class E57File(CloudFile):
@@ -168,7 +169,7 @@ def _scan(path: Path, node: Any, number: int) -> _PosedScan:
     return _PosedScan(number, count, fields, _pose(node, f'the pose of {what} of {path}'))
 
 
-def _pose(node: Any, what: str) -> NDArray[np.float64]:
+def _pose(node: Any, what: str) -> Floats:
     """Return the rotation and the position of a scan, (3, 4)."""
     numbers = {'translation': [0.0] * 3, 'rotation': [0.0, 0.0, 0.0, 1.0]}
     for part, axes in (('translation', 'xyz'), ('rotation', 'xyzw')):
@@ -193,7 +194,7 @@ def _kind(node: Any) -> np.dtype[Any]:
 
 def _placed(
     scan: _PosedScan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
-) -> Iterator[NDArray[np.float64]]:
+) -> Iterator[Floats]:
     """Return x, y and z in the common frame; NaN where there is no return."""
     x, y, z = (chunk[place] for place in places)
     if places is _ANGLES:

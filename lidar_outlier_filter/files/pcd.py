@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.core.annotations import Rows
     from lidar_outlier_filter.files.cloud_file import Change
 
 _KINDS = {'I': ('i', {1, 2, 4, 8}), 'U': ('u', {1, 2, 4, 8}), 'F': ('f', {4, 8})}
@@ -121,7 +120,7 @@ class PcdFile(RowFile):
         return [self._dtype[name] for name in self._dtype.names or ()]
 
     @cached_property
-    def _decompressed(self) -> NDArray[np.void]:
+    def _decompressed(self) -> Rows:
         """The rows of a compressed file, in which the columns come one after the other."""
         rows = np.empty(self._count, self._dtype)
         if self._count == 0:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
     from lidar_outlier_filter.files.cloud_file import Change
 
 _MAX_HEADER_BYTES = 1_000_000  # bytes
@@ -72,7 +72,7 @@ def read_header(
 class BinaryRows:
     """Rows of fixed length."""
 
-    def __init__(self, rows: NDArray[np.void]) -> None:
+    def __init__(self, rows: Rows) -> None:
         """Use rows, (N,) structured, mapped from a file or in memory."""
         self._rows = rows
 
@@ -234,8 +234,8 @@ def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
 
 
 def to_common_frame(
-    xyz: Sequence[Any], pose: NDArray[np.float64], missing: Bools | None = None
-) -> Iterator[NDArray[np.float64]]:
+    xyz: Sequence[Any], pose: Floats, missing: Bools | None = None
+) -> Iterator[Floats]:
     """Yield x, y and z (n,) of a scan in the common frame; a missing return is NaN.
 
     The pose (3, 4) is a rotation and a position.

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.annotations import Floats
+
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
 MAX_LINE_BYTES = 1_000_000  # bytes of the first lines
@@ -138,7 +140,7 @@ def _fields(line: bytes, separator: bytes, *, strict: bool = True) -> list[str]:
     return next(csv.reader([text], delimiter=mark, skipinitialspace=True, strict=strict), [])
 
 
-def _exact(numbers: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
+def _exact(numbers: Floats, texts: Sequence[str]) -> NDArray[Any]:
     """Return numbers as exact int64 if all are whole; NaN are masked then."""
     missing = np.isnan(numbers)
     known = numbers[~missing]
@@ -168,7 +170,7 @@ class _GridScan:
 
     header: bytes
     count: int
-    pose: NDArray[np.float64]
+    pose: Floats
     rows: TextRows
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Bools, Rows
+    from lidar_outlier_filter.core.annotations import Bools, Bytes, Rows
     from lidar_outlier_filter.core.verdict import Verdict
 
 
@@ -172,7 +172,7 @@ def plain_rows(msg: Any) -> Rows:
     return np.ascontiguousarray(plain).reshape(-1)
 
 
-def first_numbers(detectors: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def first_numbers(detectors: NDArray[np.uint16]) -> Bytes:
     """Find the first detector in each sum of bits: 1 for bit 1, 2 for 2, 3 for 4; 0 for none.
 
     15 is the own vehicle.
@@ -208,7 +208,7 @@ def more_fields(msg: Any, added: Mapping[str, str]) -> list[Any]:
     return fields
 
 
-def _with_holes(rows: Rows, dtype: np.dtype[np.void], rejected: NDArray[np.bool_]) -> Rows:
+def _with_holes(rows: Rows, dtype: np.dtype[np.void], rejected: Bools) -> Rows:
     """Copy the rows, x, y and z of the rejected ones NaN."""
     holes = rows.copy()
     for axis in AXES:

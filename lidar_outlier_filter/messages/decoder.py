@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -137,7 +138,7 @@ class Decoder:
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
         return masked(points, self._mask, self.parameters)
 
-    def view(self, msg: Any) -> NDArray[np.void] | None:
+    def view(self, msg: Any) -> Rows | None:
         """View the points of a cloud as it is; None where it has none.
 
         Raises
@@ -168,7 +169,7 @@ class Decoder:
             must_be = 'without ' + ', '.join(SCORE_FIELDS)
             raise CloudError('the fields', must_be, ', '.join(names))
 
-    def _refuse_holes(self, view: NDArray[np.void]) -> None:
+    def _refuse_holes(self, view: Rows) -> None:
         """Refuse an organised cloud that could not keep its shape, where it is to."""
         if self.parameters.keep_organized and view.shape[0] > 1:
             for axis in AXES:
@@ -176,7 +177,7 @@ class Decoder:
                     must_be = 'a float, to become NaN under keep_organized'
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
-    def _convention(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention | None:
+    def _convention(self, view: Rows, valid: Bools) -> Convention | None:
         """Return how clouds of this layout are read; None where no point tells."""
         found = self._found.get(view.dtype)
         if found is not None and (found.is_final or not valid.any()):
@@ -197,16 +198,14 @@ class Decoder:
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.missing}')
 
-    def _look_at_steps(
-        self, dtype: np.dtype[np.void], xyz: NDArray[np.float64], valid: NDArray[np.bool_]
-    ) -> None:
+    def _look_at_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
         """Warn, once, of coordinates that are too far away for float32."""
         single = [dtype[axis].base.itemsize == 4 and dtype[axis].kind == 'f' for axis in AXES]  # noqa: PLR2004  bytes
         if warning := too_coarse(xyz, valid, single):
             self._coarse = True
             self._warn(warning)
 
-    def _find_out(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention:
+    def _find_out(self, view: Rows, valid: Bools) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
         missing, is_final = [], True
@@ -247,15 +246,13 @@ class Decoder:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
         return found
 
-    def _time(
-        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: Any, convention: Convention
-    ) -> NDArray[np.int64]:
+    def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:
             # The points of a column of an organised cloud are fired together.
             height, width = view.shape
             column = np.tile(np.arange(width), height)
             step = height * SECOND / self.parameters.points_per_second
-            after: NDArray[np.int64] = np.rint(column * step).astype(np.int64)
+            after: Ints = np.rint(column * step).astype(np.int64)
             return after + _nanoseconds(stamp)
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
         start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
@@ -263,11 +260,11 @@ class Decoder:
 
     def _line(
         self,
-        view: NDArray[np.void],
-        xyz: NDArray[np.float64],
-        valid: NDArray[np.bool_],
+        view: Rows,
+        xyz: Floats,
+        valid: Bools,
         convention: Convention,
-    ) -> NDArray[np.int64]:
+    ) -> Ints:
         height, width = view.shape
         if convention.line_source == 'field':
             return np.asarray(_column(view, str(convention.line_field)).astype(np.int64))
@@ -277,7 +274,7 @@ class Decoder:
             return self._counter.next_line(view.size)
         return self._counter.by_angle(self._angle(view, xyz), valid)
 
-    def _angle(self, view: NDArray[np.void], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _angle(self, view: Rows, xyz: Floats) -> Floats:
         parameters = self.parameters
         if parameters.angle_field:
             angle = _named(view, parameters.angle_field, 'angle_field', 'iuf').astype(np.float64)
@@ -285,7 +282,7 @@ class Decoder:
         first, second = (AXES.index(axis) for axis in parameters.angle_plane)
         return np.arctan2(xyz[:, second], xyz[:, first])
 
-    def _intensity(self, view: NDArray[np.void]) -> NDArray[np.float32] | None:
+    def _intensity(self, view: Rows) -> Singles | None:
         """Return the intensities, where there are any and a detector looks at them."""
         if not reads(self.parameters, 'intensity'):
             return None
@@ -293,9 +290,7 @@ class Decoder:
         with np.errstate(over='ignore'):  # what is too bright is inf
             return None if name is None else _column(view, name).astype(np.float32)
 
-    def _sigma(
-        self, view: NDArray[np.void], valid: NDArray[np.bool_]
-    ) -> NDArray[np.float64] | None:
+    def _sigma(self, view: Rows, valid: Bools) -> Floats | None:
         name = self.parameters.sigma_field
         if not name:
             return None
@@ -318,11 +313,11 @@ def _nanoseconds(stamp: Any) -> int:
     return int(stamp.sec * SECOND + stamp.nanosec)
 
 
-def _column(view: NDArray[np.void], name: str) -> NDArray[Any]:
+def _column(view: Rows, name: str) -> NDArray[Any]:
     return np.asarray(view[name]).reshape(-1)
 
 
-def _named(view: NDArray[np.void], name: str, parameter: str, kinds: str) -> NDArray[Any]:
+def _named(view: Rows, name: str, parameter: str, kinds: str) -> NDArray[Any]:
     """Return the column that a parameter names, or refuse the cloud."""
     names = view.dtype.names or ()
     if name not in names:
@@ -335,7 +330,7 @@ def _named(view: NDArray[np.void], name: str, parameter: str, kinds: str) -> NDA
 
 
 def _choose(
-    view: NDArray[np.void], name: str, usual: tuple[str, ...], parameter: str, kinds: str
+    view: Rows, name: str, usual: tuple[str, ...], parameter: str, kinds: str
 ) -> str | None:
     """Return the field that a parameter names; under 'auto' the first usual one that fits."""
     if name != 'auto':

@@ -10,14 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcap.reader import SeekingReader
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag2 import Reader as Reader2
@@ -46,16 +39,13 @@ MAX_ALIASES = 100  # in a metadata.yaml, where recorders write none
 _ALIAS = re.compile(r'(?<![^\s,\[{])\*\w')
 MAX_BAG_TIME_NS = 2**63 - 1  # bag time, nanoseconds
 # The profile of a ROS 2 publisher that keeps ten messages; 0: the default of the middleware.
-RELIABLE = Qos(
-    QosHistory.KEEP_LAST,
-    10,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    QosTime(0, 0),
-    QosTime(0, 0),
-    QosLiveliness.SYSTEM_DEFAULT,
-    QosTime(0, 0),
-    avoid_ros_namespace_conventions=False,
+RELIABLE = LATCHED._replace(
+    depth=10,
+    durability=QosDurability.VOLATILE,
+    liveliness=QosLiveliness.SYSTEM_DEFAULT,
+    deadline=QosTime(0, 0),
+    lifespan=QosTime(0, 0),
+    liveliness_lease_duration=QosTime(0, 0),
 )
 
 

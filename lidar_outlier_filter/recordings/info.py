@@ -27,8 +27,7 @@ from lidar_outlier_filter.recordings.message_times import MessageTimes
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.core.annotations import Ints
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.recordings.bags import Topic
@@ -227,7 +226,7 @@ def scan_geometry(cloud: StreamCloud) -> ScanGeometry | None:
     return _with_rings(found, points, bounds)
 
 
-def _with_rings(found: ScanGeometry, points: Points, bounds: NDArray[np.int64]) -> ScanGeometry:
+def _with_rings(found: ScanGeometry, points: Points, bounds: Ints) -> ScanGeometry:
     """Add the angles of rings, if lines are rings."""
     x, y, z = points.xyz.T
     elevation, azimuth = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -120,14 +118,14 @@ class _SeeingOdometry(Odometry):
         super().__init__(parameters)
         self._every = every  # for each point, or for one
         # By the identity of the points' array of times, which is kept, so that no other has it.
-        self._eyes: dict[int, tuple[NDArray[np.int64], Floats]] = {}
+        self._eyes: dict[int, tuple[Ints, Floats]] = {}
 
     def taken(self, points: Points) -> Floats | None:
         """Return, once, where the sensor was for points that were moved; None for others."""
         _, eye = self._eyes.pop(id(points.t), (None, None))
         return eye
 
-    def move(self, points: Points, frame: str) -> tuple[Points, NDArray[np.bool_]]:
+    def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
         moved, known = super().move(points, frame)
         if known.any() or not len(known):
             seen = points if self._every else points.take(np.flatnonzero(known)[:1])

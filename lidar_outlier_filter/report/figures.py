@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.core.points.mask import Mask
     from lidar_outlier_filter.files.judged_file import JudgedFile
     from lidar_outlier_filter.report.gather import Gathered
@@ -222,11 +222,11 @@ def _from_the_side(
     axes.set_ylabel('z, m')
 
 
-def _dots(axes: Axes, xyz: NDArray[np.float64], along: int, colour: str, size: float) -> None:
+def _dots(axes: Axes, xyz: Floats, along: int, colour: str, size: float) -> None:
     axes.scatter(xyz[:, along], xyz[:, 2], s=size, color=colour, linewidths=0)
 
 
-def _origin(judged: JudgedFile) -> NDArray[np.float64]:
+def _origin(judged: JudgedFile) -> Floats:
     """Return a round position near the points, in their units, for short numbers."""
     origin, where = np.zeros(3), np.flatnonzero(judged.loaded.points.valid)
     if len(where):

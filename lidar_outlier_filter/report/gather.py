@@ -29,9 +29,15 @@ from lidar_outlier_filter.report.steps import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Ints, Progress, Rows
+    from lidar_outlier_filter.core.annotations import (
+        Bools,
+        Bytes,
+        Floats,
+        Ints,
+        Progress,
+        Rows,
+        Singles,
+    )
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
@@ -228,7 +234,7 @@ class Keeper:
         self._held = 0
         self._rng = np.random.default_rng(0)
 
-    def add(self, cloud: ReportCloud, why: Ints, added: NDArray[np.float32]) -> None:
+    def add(self, cloud: ReportCloud, why: Ints, added: Singles) -> None:
         """Take the points of a judged cloud; the bits of steps are not known yet."""
         if not self._parts:
             more = {name: one.dtype for name, one in cloud.saved.items() if name != 'intensity'}
@@ -274,7 +280,7 @@ def cut(points: Rows, source: Source, known: Ints) -> tuple[Rows, Frames]:
     return points[order], Frames(first, marks, clouds, start, together)
 
 
-def _are_apart(xyz: NDArray[np.float64], number: Ints) -> bool:
+def _are_apart(xyz: Floats, number: Ints) -> bool:
     """Return whether the first and the last frame lie side by side."""
     if len(number) == 0:
         return True

@@ -19,8 +19,6 @@ from lidar_outlier_filter.report.points import LIVE, fill, intensity_limits, mes
 from lidar_outlier_filter.report.sources import saved_columns
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from lidar_outlier_filter.core.annotations import Floats, Rows, Words
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 
@@ -89,7 +87,7 @@ class LiveClouds:
         self._limits: tuple[float, float] | None = None
         self._rng = np.random.default_rng(0)
 
-    def add(self, cloud: StreamCloud, view: NDArray[np.void] | None) -> None:
+    def add(self, cloud: StreamCloud, view: Rows | None) -> None:
         """Take the points of a judged cloud that are shown; ``view`` has their intensities."""
         points, where = cloud.shown
         if len(points) == 0:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -128,22 +128,10 @@ class SourceFacts:
         return counted.usual, sorted(gaps, key=lambda gap: -gap[1])[:MAX_GAPS]
 
 
-class Source(Protocol):
-    """Clouds that can be judged several times."""
-
-    name: str
-    found: SourceFacts
-    parameters: FilterParameters
-    has_frames: bool  # whether clouds follow each other in time
-
-    def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
-        """Judge all clouds by each of the chains; yield the chain's number, and its clouds."""
-
-
 class RecordedSource:
     """One topic of a recording, judged as by a replay."""
 
-    has_frames = True
+    has_frames = True  # clouds follow each other in time
 
     def __init__(
         self,
@@ -255,6 +243,9 @@ class FileSource:
             cloud.code = None if self._code is None else self._code[where]
             cloud.saved = {name: values[where] for name, values in self._saved.items()}
             yield number, cloud
+
+
+Source = RecordedSource | FileSource  # clouds that can be judged several times
 
 
 def saved_columns(names: Iterable[str]) -> dict[str, str]:

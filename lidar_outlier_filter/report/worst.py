@@ -17,8 +17,7 @@ from lidar_outlier_filter.core.neighbours.duplicates import typical_scale
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.core.annotations import Floats, Index, Ints
     from lidar_outlier_filter.files.judged_file import JudgedFile
 
 MANY = 10  # points of a large group
@@ -41,7 +40,7 @@ class RejectedGroup:
 
     """
 
-    members: NDArray[np.int64]
+    members: Ints
     count: int
     middle: tuple[float, float, float]
     across: float
@@ -88,7 +87,7 @@ def find(judged: JudgedFile) -> Worst:
     return Worst(causes, groups, near)
 
 
-def _group(judged: JudgedFile, members: NDArray[np.int64], *, high: bool) -> RejectedGroup:
+def _group(judged: JudgedFile, members: Ints, *, high: bool) -> RejectedGroup:
     xyz = judged.loaded.points.xyz[members]
     low, top = xyz.min(axis=0), xyz.max(axis=0)
     x, y, z = ((low + top) / 2 / judged.units).tolist()
@@ -96,11 +95,11 @@ def _group(judged: JudgedFile, members: NDArray[np.int64], *, high: bool) -> Rej
     return RejectedGroup(members, len(members), (x, y, z), across, float(top[2] - low[2]), high)
 
 
-def connect(xyz: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
+def connect(xyz: Floats, cell: float) -> Index:
     """Find the group of each point (N, 3), metres: points in cells that touch are one."""
     cells, of = np.unique(np.floor(xyz / cell), axis=0, return_inverse=True)
     pairs = cKDTree(cells).query_pairs(TOUCHING, output_type='ndarray')
     ones = np.ones(len(pairs), np.bool_)
     graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
-    label: NDArray[np.int32] = connected_components(graph, directed=False)[1]
+    label: Index = connected_components(graph, directed=False)[1]
     return label[of.reshape(-1)]

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress
+    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Reals, Singles
     from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.tuning.search_space import Search, Values
@@ -53,7 +53,7 @@ def value_of(counts: Ints, most_lost: float) -> Floats:
     return value
 
 
-def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> NDArray[np.uint16]:
+def levels(threshold: Threshold, statistic: Reals) -> NDArray[np.uint16]:
     """Count for each point the values of a threshold that reject it: those before this number.
 
     Points are rejected by the value v where their level is larger than v; untested ones never.
@@ -259,7 +259,7 @@ class Searcher:
         """Run a detector alone near a value of its threshold; return the levels of the points."""
         alone = {**setting, 'chain': [search.detector], 'vote': 0}
 
-        def score_of(changes: Values) -> NDArray[np.float32]:
+        def score_of(changes: Values) -> Singles:
             self.report()
             parameters = self._parameters.changed({**alone, **changes})
             return self._data.judge(parameters, seen).score

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.verdict import Verdict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.annotations import Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.errors import JudgingError
 
@@ -124,9 +125,7 @@ class StreamCloud:
 AnyCloud = TypeVar('AnyCloud', bound=StreamCloud)
 
 
-def between(
-    t: NDArray[np.int64], begin: int, end: int, *, is_sorted: bool
-) -> slice | NDArray[np.intp]:
+def between(t: Ints, begin: int, end: int, *, is_sorted: bool) -> slice | NDArray[np.intp]:
     """Find the times with begin <= t < end."""
     if is_sorted:
         # Views, not copies: most sensors send their points in order.
