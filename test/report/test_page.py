@@ -194,6 +194,7 @@ def test_a_group_of_one_point(desktop: Page) -> None:
     assert f'alone: nearest return {float(distance[1]):.1f} m' in why
     known = dict(desktop.evaluate('report.data().header.features.map(([a, b]) => [b, a])'))
     assert any(f'{text} {name}, +' in why for text, name in known.items())
+    assert not [text for text in known if 'log-odds' in text]
     # Neither the picture nor the page moved.
     desktop.locator('#groups li:last-child button').click()
     after = desktop.evaluate("document.querySelector('#canvas').getBoundingClientRect().top")
