@@ -52,7 +52,6 @@ NOT_RUN: Mapping[str, str] = {
     'python3 -m venv ': 'needs the network',
     'pip install ': 'needs the network',
     '~/recordings/bin/': 'needs the network',
-    '~/lidar/bin/': 'needs the network',
     'scripts/': 'runs everything, or for hours; test_scripts.py runs the scripts',
     'lidar-outlier-filter clean street.csv --chain isolated': 'test_installed.py runs the like',
     'lidar-outlier-filter replay s3://': 'needs a store and a cluster',
