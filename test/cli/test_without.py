@@ -94,6 +94,8 @@ def test_the_import_is_thin() -> None:
     assert output(code).strip() == '[]'
     code = 'from lidar_outlier_filter import *; print(detect_outliers, CloudFilter, Verdict)'
     assert 'function detect_outliers' in output(code)
+    code = 'import lidar_outlier_filter.recordings.replay; print("scipy.spatial" in sys.modules)'
+    assert output(code).strip() == 'False'
 
 
 def test_session() -> None:

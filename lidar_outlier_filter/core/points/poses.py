@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
@@ -36,11 +35,16 @@ class SensorExtrinsics:
     @classmethod
     def at(cls, position: Triple, angles: Triple) -> SensorExtrinsics:
         """Make it of x, y, z and roll, pitch, yaw (radians, about fixed axes, in turn)."""
+        # Here, as it takes a third of a second to import, and few streams have poses.
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415
+
         return cls(np.array(position, np.float64), Rotation.from_euler('xyz', angles).as_matrix())
 
     @classmethod
     def of_pose(cls, pose: tuple[float, ...]) -> SensorExtrinsics:
         """Make it of x, y, z and a quaternion x, y, z, w; raise a PoseError where it is none."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415  as above
+
         x, y, z, *quaternion = _checked(pose)
         return cls(np.array([x, y, z]), Rotation.from_quat(quaternion).as_matrix())
 
