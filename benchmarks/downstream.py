@@ -50,7 +50,7 @@ ROUTE = Route(
 SHARES = (0.0, 0.03, 0.07)  # of the points that are outliers, most of them snow
 CELL = 0.2  # metres: side of a cell
 BAND = (0.3, 2.0)  # metres above the ground: what a vehicle would drive into
-NEAR = 8.0  # metres: where the ground is looked for
+NEAR = 8.0  # metres: radius of the search for the ground
 FARTHEST = 100.0  # metres: KISS-ICP's own default
 MIN_SWEEPS = 3  # sweeps of a recording
 

@@ -163,7 +163,7 @@ def main() -> int:
     parser.add_argument('--write', action='store_true', help='write the file again')
     parser.add_argument('--small', action='store_true', help='small real recordings only')
     parser.add_argument('--few', action='store_true', help='few points of these only')
-    parser.add_argument('--threads', type=int, default=0, help='0: as many as there are cores')
+    parser.add_argument('--threads', type=int, default=0, help='0: all cores')
     parser.add_argument('--python', metavar='PATH', help='another Python, with its own libraries')
     parser.add_argument('--recordings', nargs='+', default=SMALL, metavar='NAME', help='small ones')
     arguments = parser.parse_args()

@@ -4,7 +4,7 @@
 
     scripts/environment python benchmarks/livox.py [--write] [--seeds 831 832 833 834 835 836]
 
-Each scanner looks at one street of each seed, as it is, and with the weather that trees are trained
+Each scanner scans one street of each seed, as it is, and with the weather that trees are trained
 on in it. The default judges with `boosted_trees.sensor: free`. Peers have the best threshold of
 every single cloud, which nobody knows in the field; clean clouds are judged at the best one for all
 weather. ``--write`` puts the table into the page of the sensors.
@@ -123,7 +123,7 @@ def by_default(points: Points, outlier: np.ndarray) -> Count:
     return Count(f1, float(rejected[~outlier].mean()))
 
 
-def look(judged: Judged, sweep: Sweep) -> None:
+def judge_sweep(judged: Judged, sweep: Sweep) -> None:
     """Let the default and its peers judge a cloud."""
     points, outlier = sweep.points, sweep.outlier
     judged.ours[FREE].append(by_default(points, outlier))
@@ -153,7 +153,7 @@ def rows_of(name: str, seeds: Sequence[int]) -> Iterator[list[str]]:
     for seed in seeds:
         for sweep in sweeps(name, seed):
             if sweep.kind in {CLEAN, STREET} or sweep.outlier.sum() >= MIN_OUTLIERS:
-                look(judged[sweep.kind], sweep)
+                judge_sweep(judged[sweep.kind], sweep)
         print(name, seed, flush=True)
     mean = {
         peer: np.mean([one.f1 for kind in WEATHER for one in judged[kind].peers[peer]], axis=0)

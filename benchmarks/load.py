@@ -3,13 +3,12 @@
 """A node under load: a sensor, the filter and a listener, each a process, over the real middleware.
 
     python benchmarks/load.py [--rings N] [--rate HZ] [--columns N] [--seconds S] [--then HZ]
-                              [NAME:=VALUE ...]
+                              [--write TITLE] [NAME:=VALUE ...]
 
-A spinning sensor of so many rings, with 48 bytes per point, is published best effort; afterwards,
-if asked for, at another rate for ten seconds. Printed is what /diagnostics says in each second, and
-at the end: clouds sent and received, the processor time that each process took for a cloud, the
-delay while they came, the growth of the filter's memory after the first five seconds, and how long
-after the change of the rate all was well again.
+A spinning sensor, 48 bytes per point, publishes best effort; with --then, at another rate for ten
+seconds more. Prints /diagnostics in each second, and at the end the clouds sent and received, the
+processor time per cloud, delays, growth of the filter's memory, and the time to recover. --write
+puts the row TITLE into the table in doc/results; with --then, into that of the policies.
 """
 
 # ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports ROS in each process
@@ -29,10 +28,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 SHAPE = {'rings': 128, 'columns': 1024, 'rate': 10.0, 'seconds': 60.0, 'then': 0.0}
+PAGE = ROOT / 'doc' / 'results' / 'load.md'
 OUTLIERS = 0.005
 WARM = 5  # seconds until memory counts
 REST = 10.0  # seconds to watch afterwards
-LOOK = 1.0  # seconds between two messages on /diagnostics
+PERIOD_S = 1.0  # seconds between two messages on /diagnostics
 KEEP = ('MALLOC_MMAP_THRESHOLD_', 'MALLOC_TRIM_THRESHOLD_')  # of glibc: memory for the next cloud
 POINT = np.dtype(
     {
@@ -99,26 +99,23 @@ def publish(options: argparse.Namespace) -> None:
     sys.stdin.read()
 
 
-class Look(NamedTuple):
+class Sample(NamedTuple):
     """What /diagnostics said of a second: delays in milliseconds, the filter's memory in MB."""
 
     at: float
-    p50: float
     p95: float
     longest: float
     memory: float
     is_well: bool
 
 
-def look(status: dict[str, Any], memory: float) -> Look:
+def sample(status: dict[str, Any], memory: float) -> Sample:
     """Print what /diagnostics says, and keep what is summed up."""
     values, clouds = status['values'], float(status['values']['clouds/s'])
-    p50, p95, longest = (
-        float(values[f'delay since received, {name}, ms']) for name in ('p50', 'p95', 'max')
-    )
+    p95, longest = (float(values[f'delay since received, {name}, ms']) for name in ('p95', 'max'))
     print(
         f'{clouds:6.1f} clouds/s {float(values["points/s"]) / 1e6:6.2f} M points/s'
-        f'  answered {values["messages"]:>5} lost {values["lost"]:>3}'
+        f'  published {values["messages"]:>5} lost {values["lost"]:>3}'
         f' dropped {values["dropped"]:>4} unfiltered'
         f' {values.get("unfiltered for overload", 0):>4} degraded {values["degraded"]:>4}'
         f'  backlog {values["backlog, clouds"]:>4} ({values["backlog, MB"]} MB)'
@@ -127,21 +124,45 @@ def look(status: dict[str, Any], memory: float) -> Look:
         f'  {memory:6.0f} MB  {status["level"]} {status["message"]}',
         flush=True,
     )
-    return Look(time.monotonic(), p50, p95, longest, memory, status['level'] == 0 and clouds > 0)
+    return Sample(time.monotonic(), p95, longest, memory, status['level'] == 0 and clouds > 0)
 
 
-def summary(looks: list[Look], end: float) -> str:
+def recovery(samples: list[Sample], end: float) -> str:
+    """Say how long after the first rate all was well again."""
+    # A sample describes the second before it.
+    well = [max(one.at - PERIOD_S - end, 0.0) for one in samples if one.at > end and one.is_well]
+    return f'{well[0]:.1f} s' if well else 'never'
+
+
+def put(options: argparse.Namespace, samples: list[Sample], end: float, values: Any) -> None:
+    """Put the run as a row into the table of loads, or with ``--then`` of policies."""
+    from lidar_outlier_lab.results.markdown import write_row
+
+    sent = round(options.seconds * options.rate + REST * options.then)
+    published = f'{values["messages"]} of {sent}'
+    counted = [one for one in samples if one.at <= end][WARM:]
+    longest = max(one.longest for one in counted)
+    if options.then:
+        unfiltered = values.get('unfiltered for overload', 0)
+        counts = (values['degraded'], unfiltered, values['dropped'])
+        cells = [str(count) if int(count) else '' for count in counts]
+        row = [published, *cells, f'{longest / 1e3:.1f} s', recovery(samples, end)]
+    else:
+        chains = [item for item in options.settings if item.startswith('chain:=')]
+        p95 = f'{median(one.p95 for one in counted):.0f} ms'
+        row = [f'`{chains[0]}`' if chains else 'the default', published, p95, f'{longest:.0f} ms']
+    section = 'policies' if options.then else 'load'
+    write_row(PAGE, section, [options.write, *row], 'benchmarks/load.py --write')
+
+
+def summary(samples: list[Sample], end: float) -> str:
     """Say what was seen until the first rate ended, and when all was well after that."""
-    counted = [one for one in looks if one.at <= end][WARM:]
-    growth = max(one.memory for one in looks[WARM:]) - looks[WARM].memory
-    # A look says of the second before it.
-    well = [max(one.at - LOOK - end, 0.0) for one in looks if one.at > end and one.is_well]
+    counted = [one for one in samples if one.at <= end][WARM:]
+    growth = max(one.memory for one in samples[WARM:]) - samples[WARM].memory
     return (
-        f'delay of a second, p50: {median(one.p50 for one in counted):.0f} ms in the median, p95: '
-        f'{median(one.p95 for one in counted):.0f} ms, at most '
-        f'{max(one.p95 for one in counted):.0f} ms; longest delay '
+        f'delay p95 {median(one.p95 for one in counted):.0f} ms (median of seconds), longest '
         f'{max(one.longest for one in counted):.0f} ms; memory +{growth:.0f} MB after {WARM} s; '
-        f'well again after {f"{well[0]:.1f} s" if well else "never"}'
+        f'recovered after {recovery(samples, end)}'
     )
 
 
@@ -162,7 +183,7 @@ def measure(options: argparse.Namespace) -> int:
     settings = [word for item in options.settings for word in ('-p', item)]
     arguments = ['--ros-args', *settings] if settings else []
     shape = [f'--{name}={getattr(options, name)}' for name in SHAPE]
-    looks = []
+    samples = []
     with (
         diagnoser(env) as listening,
         Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env) as node,
@@ -173,7 +194,7 @@ def measure(options: argparse.Namespace) -> int:
         next_status(listening)
         sensor.wait_for('ready')
         # The sensor has found the filter; until the filter has found the sensor, clouds are lost.
-        time.sleep(2 * LOOK)
+        time.sleep(2 * PERIOD_S)
         programs = {'sensor': sensor, 'filter': node, 'listener': collecting}
         processes = {name: psutil.Process(program.pid) for name, program in programs.items()}
         busy = {name: -_busy(process) for name, process in processes.items()}
@@ -181,7 +202,7 @@ def measure(options: argparse.Namespace) -> int:
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)
-            looks.append(look(status, processes['filter'].memory_info().rss / 1e6))
+            samples.append(sample(status, processes['filter'].memory_info().rss / 1e6))
         print(sensor.wait_for('sent'))
         end = float(sensor.wait_for(''))
         print('then', sensor.wait_for('sent'))
@@ -193,7 +214,9 @@ def measure(options: argparse.Namespace) -> int:
         print(f'processor time for a cloud sent, ms: {", ".join(shares)}')
         collecting.close()
         collecting.wait()
-        print(f'received {collecting.output[-1]}\n{summary(looks, end)}')
+        print(f'received {collecting.output[-1]}\n{summary(samples, end)}')
+    if options.write:
+        put(options, samples, end, status['values'])
     return 0
 
 
@@ -205,6 +228,7 @@ def main() -> int:
     for name, default in SHAPE.items():
         parser.add_argument(f'--{name}', type=type(default), default=default)
     parser.add_argument('--publish', action='store_true', help=argparse.SUPPRESS)
+    parser.add_argument('--write', default='', metavar='TITLE')
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
     if options.publish:

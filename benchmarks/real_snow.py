@@ -86,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> All:
 def verdicts(
     clouds: Sequence[Cloud], judges: Sequence[str], network: Path | None
 ) -> Iterator[tuple[str, Verdict]]:
-    """Judge clouds of one form by those that are wanted and can be had."""
+    """Judge clouds of one form by the requested and available methods."""
     if DEFAULT in judges:
         yield DEFAULT, by_default(clouds)
     if NETWORK in judges and network is not None:

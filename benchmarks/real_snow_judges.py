@@ -55,15 +55,15 @@ def by_default(clouds: Sequence[Cloud]) -> Verdict:
     filters[0].push(messages[0])  # what is compiled or read once is no part of the time
     filters[0].flush()
     begin = perf_counter()
-    answers = [answer for one in messages for answer in filters[1].push(one)]
-    answers += filters[1].flush()
+    outputs = [output for one in messages for output in filters[1].push(one)]
+    outputs += filters[1].flush()
     seconds = perf_counter() - begin
-    if len(answers) != len(clouds):
-        raise RecordingError('the answers', f'{len(clouds)}, one for each sweep', len(answers))
+    if len(outputs) != len(clouds):
+        raise RecordingError('the outputs', f'{len(clouds)}, one for each sweep', len(outputs))
     rejected = []
-    for one, answer in zip(clouds, answers, strict=True):
+    for one, output in zip(clouds, outputs, strict=True):
         mask = np.zeros(len(one), np.bool_)
-        mask[answer.outliers['index']] = True
+        mask[output.outliers['index']] = True
         rejected.append(mask)
     return Verdict(rejected, seconds, '')
 
@@ -100,7 +100,7 @@ def _by_network(cloud: Cloud, network: Any) -> Bools:
     """Return which points it takes for snow."""
     given = np.column_stack([cloud.xyz, cloud.intensity]).astype(np.float64)
     distance, index = cKDTree(given[:, :3]).query(given[:, :3], NETWORK_NEIGHBOURS, workers=-1)
-    answer = network.run(
+    output = network.run(
         None,
         {
             'points': ((given - MEAN) / DEVIATION).astype(np.float32),
@@ -108,7 +108,7 @@ def _by_network(cloud: Cloud, network: Any) -> Bools:
             'indices': index.astype(np.int64),
         },
     )[0]
-    found: Bools = answer[:, 1] > answer[:, 0]
+    found: Bools = output[:, 1] > output[:, 0]
     return found
 
 

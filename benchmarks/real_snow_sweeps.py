@@ -68,7 +68,7 @@ class Sweep:
     ring : (N,) uint16, from 0
     time : (N,) int64, nanoseconds
     second : (N,) bool, whether it is of the second block of its shot
-    mate : (N,) int64, the index of the other return of the same shot and laser; -1: there is none
+    mate : (N,) int64, the index of the other return of the same shot and laser; -1: no other return
 
     """
 
@@ -189,7 +189,7 @@ def find_shots(xyz: NDArray[np.float32], ring: Ints, rings: Rings) -> tuple[Ints
 
 
 def find_mates(shot: Ints, ring: Ints, second: Bools) -> Ints:
-    """Return the index of the other return of the same shot and ring; -1: there is none."""
+    """Return the index of the other return of the same shot and ring; -1: no other return."""
     width = int(ring.max(initial=0)) + 1
     key = shot * width + ring
     mate = np.full(len(key), -1)
@@ -209,7 +209,7 @@ class Cloud:
     xyz : (N, 3) float32, metres
     intensity, label : (N,)
     ring, time : (N,), nanoseconds
-    source : (N,) int64, the index of the point that it is a copy of; its own, if it is none
+    source : (N,) int64, the index of the point that it is a copy of; its own, if it is no copy
 
     """
 

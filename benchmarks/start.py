@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts of the node with clouds at 10 Hz, from an empty and from a complete cache.
 
-    python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [--package FOLDER] [NAME:=VALUE ...]
+    python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [--package FOLDER] [--write]
+                               [NAME:=VALUE ...]
 
 The node is a process of its own, over the real middleware, and is set to another chain. Printed are
 seconds since that process began, or since the parameter was set, and what became of the clouds.
+``--write`` puts the rows of both caches into the table in doc/results.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
@@ -29,34 +31,37 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME  # noqa: E402
+from lidar_outlier_lab.results.markdown import write_row  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+PAGE = ROOT / 'doc' / 'results' / 'load.md'
 AFTERWARDS = 3.0  # seconds of clouds behind what was waited for
 
 
-def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) -> None:
-    """Start the node, print when it did what, and change its chain."""
+def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) -> list[str]:
+    """Start the node, print when it did what, and change its chain; return the times (s)."""
     with Watch(env, arguments) as watch:
         subscribed = watch.serve(lambda: watch.sent > 0)
-        diagnosed = watch.serve(lambda: bool(watch.looks))
-        filtered = watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
+        diagnosed = watch.serve(lambda: bool(watch.samples))
+        filtered = watch.serve(lambda: bool(watch.samples) and watch.samples[-1].filtered > 0)
         watch.serve(lambda: False, AFTERWARDS)
-        first = min(watch.answers, default=0.0)
+        first = min(watch.published, default=0.0)
         print(
             f'{title}: subscribed after {subscribed - watch.began:.1f} s, diagnostics '
-            f'{diagnosed - watch.began:.1f} s, first answer {first - watch.began:.1f} s, '
+            f'{diagnosed - watch.began:.1f} s, first output {first - watch.began:.1f} s, '
             f'filtered by {filtered - watch.began:.1f} s (to the second)'
         )
         _switch(watch, other)
         found = watch.settle()
         print(
-            f'  {watch.sent} clouds sent: {found.filtered} filtered, {found.passed} passed, '
+            f'  {watch.sent} clouds sent: {found.filtered} filtered, {found.bypassed} bypassed, '
             f'{found.count("dropped")} dropped, {found.count("refused")} refused'
         )
         watch.stop()
         print(watch.log())
+    return [f'{at - watch.began:.1f}' for at in (subscribed, diagnosed, first)]
 
 
 def _switch(watch: Watch, chain: str) -> None:
@@ -66,13 +71,13 @@ def _switch(watch: Watch, chain: str) -> None:
     reply = client.set_parameters([Parameter('chain', value=chain.split(','))])
     replied = watch.serve(reply.done)
     names = f'undecided by {chain}', f'rejected by {chain}'
-    taken = watch.serve(lambda: any(name in watch.looks[-1].values for name in names))
+    taken = watch.serve(lambda: any(name in watch.samples[-1].values for name in names))
     watch.serve(lambda: False, AFTERWARDS)
-    times = [began, *(at for at in watch.answers if at > began)]
+    times = [began, *(at for at in watch.published if at > began)]
     longest = max(after - before for before, after in itertools.pairwise(times))
     print(
         f'  set to {chain}: reply after {replied - began:.1f} s, in force by '
-        f'{taken - began:.1f} s (to the second); longest time without an answer {longest:.2f} s'
+        f'{taken - began:.1f} s (to the second); longest time without output {longest:.2f} s'
     )
 
 
@@ -86,12 +91,16 @@ def main() -> None:
     parser.add_argument(
         '--package', type=Path, default=ROOT, metavar='FOLDER', help='an unpacked wheel, or sources'
     )
+    parser.add_argument('--write', action='store_true')
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         env = {**environment(), **fresh_copy(Path(folder), source=options.package)}
-        for cache in ('empty cache', 'complete cache'):
-            start(cache, env, [f'chain:=[{options.chain}]', *options.settings], options.then)
+        for cache in ('empty', 'complete'):
+            arguments = [f'chain:=[{options.chain}]', *options.settings]
+            times = start(f'{cache} cache', env, arguments, options.then)
+            if options.write:
+                write_row(PAGE, 'starts', [cache, *times], 'benchmarks/start.py --write')
 
 
 if __name__ == '__main__':

@@ -30,7 +30,7 @@ def folded(title: str, text: str) -> str:
 
 
 def number(value: float, decimals: int = 3) -> str:
-    """Write a number; a dash for what is none."""
+    """Write a number; a dash without one."""
     return NOTHING if math.isnan(value) else f'{value:.{decimals}f}'
 
 
@@ -69,6 +69,17 @@ def put(page: str, section: str, text: str, command: str = COMMAND) -> str:
         must_be = f'both, or neither, and in this order: {begin} {end}'
         raise RecordingError(f'the markers of {section}', must_be, 'others')
     return page[:first] + block + page[last + len(end) :].removeprefix('\n')
+
+
+def write_row(path: Path, section: str, row: Sequence[str], command: str) -> None:
+    """Put a row into the table of a section, in place of the row with the same first cell."""
+    page = path.read_text(encoding='utf-8')
+    found = page.partition(begin_of(section, command))[2].partition(end_of(section))[0]
+    lines = found.strip().splitlines()
+    line = f'| {" | ".join(row)} |'.replace('|  |', '| |')
+    same = [i for i, old in enumerate(lines) if old.startswith(f'| {row[0]} |')]
+    lines[same[0] if same else len(lines) : same[0] + 1 if same else len(lines)] = [line]
+    write(path, section, '\n'.join(lines), command=command)
 
 
 def write(

@@ -18,7 +18,7 @@ def quiet(_done: int, _total: int, _what: str) -> None:
 
 
 def test_labelled_clouds(real_data: Path) -> None:
-    """Artefacts are found by their class; a cloud without them is none."""
+    """Artefacts are found by their class; a cloud without them is not used."""
     sample = real_clouds.labelled(real_data / 'clouds' / 'sample_lareunion_epsg2975.laz')
     assert sample is not None
     assert np.count_nonzero(sample.data.bad) == 3
@@ -72,6 +72,17 @@ def test_only_what_is_between_markers_changes(tmp_path: Path) -> None:
     assert page.read_text() == text.replace('text of one', 'other')
     assert (page.parent / 'images' / 'some.png').read_bytes() == b'PNG'
     assert sorted(path.name for path in page.parent.iterdir()) == ['images', 'page.md']
+
+
+def test_a_row_is_replaced_or_added(tmp_path: Path) -> None:
+    """By its first cell; all other rows stay."""
+    page = tmp_path / 'page.md'
+    markdown.write(page, 'one', '| a | b |\n| --- | --- |\n| x | 1 |\n| y | 2 |', command='load')
+    for row in (['x', '3'], ['z', '']):
+        markdown.write_row(page, 'one', row, 'load')
+    assert page.read_text().splitlines()[2:7] == [
+        '| a | b |', '| --- | --- |', '| x | 3 |', '| y | 2 |', '| z | |'
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('broken', [markdown.begin_of('one'), markdown.end_of('one')])
