@@ -173,7 +173,7 @@ def _busy(process: psutil.Process) -> float:
 
 
 def measure(options: argparse.Namespace) -> int:
-    """Run the processes, and print what becomes of the clouds."""
+    """Run the processes, and print the counts of clouds."""
     from helpers.live import counter, diagnoser, environment, next_status
     from helpers.programs import Program
 

@@ -21,7 +21,7 @@ from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log
 CONFIG = Path(__file__).parents[1] / 'config'
-# What names the settings for large clouds to a middleware; the others do not look at it.
+# Variables that name the settings for large clouds, by middleware; each reads its own only.
 LARGE_CLOUDS = {
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(CONFIG / 'fastdds_large_clouds.xml'),  # before Fast DDS 3
     'CYCLONEDDS_URI': f'file://{CONFIG / "cyclonedds_large_clouds.xml"}',
@@ -30,7 +30,7 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
         default_value='points',
-        description='PointCloud2 topic of the sensor; answers go to its /cleaned and /outliers. '
+        description='PointCloud2 topic of the sensor; published as its /cleaned and /outliers. '
         'Several, with commas between: one process serves them all.',
     ),
     DeclareLaunchArgument(
@@ -147,7 +147,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
 
 
 def viewer(topic: str, frame: str, use_sim_time: ParameterValue, common: dict[str, Any]) -> Node:
-    """Open RViz on the answers to a topic."""
+    """Open RViz on the outputs of a topic."""
     return Node(
         package='rviz2',
         executable='rviz2',

@@ -39,7 +39,7 @@ _MODULES = {
     'detect_outliers': 'pipeline.library',
 }
 
-# A type checker looks at the imports above, and so finds names that are not there.
+# A type checker reads the imports above, and so finds names that are not there.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:

@@ -99,7 +99,7 @@ class JudgingError(CloudError):
     def __init__(self, error: Exception) -> None:
         """Describe ``error``, and let go of it: its traceback holds the points."""
         text = ' '.join(f'{type(error).__name__}: {error}'.split())
-        super().__init__('the judging of a block', 'free of errors', text)
+        super().__init__('detection', 'free of errors', text)
         frames = traceback.extract_tb(error.__traceback__)
         self.place = f'{frames[-1].filename}:{frames[-1].lineno}' if frames else ''
         self.trace = ''.join(traceback.format_exception(error))
@@ -138,7 +138,7 @@ class NoCloudsError(RecordingError):
 
 
 class SchedulerError(FilterError):
-    """A scheduler that does not answer, or whose workers are of other code."""
+    """A scheduler that does not respond, or whose workers are of other code."""
 
 
 def refused_for(counts: Mapping[str, int], sentences: Mapping[str, str]) -> str:

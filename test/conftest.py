@@ -52,7 +52,7 @@ def real_data() -> Path:
 
 @pytest.fixture(scope='session')
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Find a folder with ``bags``: real ones, or where there are none, simulated ones like them."""
+    """Find a folder with ``bags``: real ones, or else simulated ones like them."""
     if (REAL / 'bags').is_dir():
         return REAL
     from helpers.stand_ins import write_stand_ins  # noqa: PLC0415
@@ -61,7 +61,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out the tests of real recordings where there are none; not in CI."""
+    """Leave out the tests of real recordings without these; not in CI."""
     if (REAL / 'bags').is_dir() or os.environ.get('CI'):
         return
     real = [item for item in items if NEED_REAL in getattr(item, 'fixturenames', ())]

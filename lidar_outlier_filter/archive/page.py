@@ -54,7 +54,7 @@ COLOURS = ('#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9', '#d55e00', '#b
 
 
 def check_page(folder: RecordingPath) -> str:
-    """Return the page of an earlier run; '' if there is none."""
+    """Return the page of an earlier run; '' if it does not exist."""
     path = folder / PAGE
     if not exists(path):
         return ''

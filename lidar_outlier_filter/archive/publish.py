@@ -151,7 +151,7 @@ def publish(
 
     Parameters
     ----------
-    task : whose outputs are in the folder ``built``; there are none if it has no clouds
+    task : whose outputs are in the folder ``built``; no outputs if it has no clouds
     record : without fingerprints of the outputs
     log : what the sidecar contains beside the record
     before : what was there when the work began, which alone is replaced

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2  # between two checks for an interrupt
 AHEAD = 2  # tasks for each worker, of which one waits
-LOOKING = 16  # threads that look for outputs, most of which wait for a disk or a store
+SEARCH_THREADS = 16  # threads that search for outputs; most wait for a disk or a store
 
 
 def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Inform) -> Result:
@@ -123,7 +123,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
         except FilterError as err:
             return replace(goal, error=str(err))
 
-    with ThreadPoolExecutor(LOOKING) as pool:
+    with ThreadPoolExecutor(SEARCH_THREADS) as pool:
         found = dict(zip(tasks, pool.map(record_of, tasks), strict=True))
     records = {task: record for task, record in found.items() if record is not None}
     return [task for task in tasks if task not in records], records

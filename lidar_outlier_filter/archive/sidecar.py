@@ -146,7 +146,7 @@ def _seal(values: Mapping[str, Any]) -> str:
 
 
 def read(path: RecordingPath) -> ArchiveRecord | None:
-    """Read a sidecar; None if there is none."""
+    """Read a sidecar; None if it does not exist."""
     records: list[ArchiveRecord] = []
     with suppress(FileNotFoundError):  # removed by a run at the same time
         found = files_below(path)

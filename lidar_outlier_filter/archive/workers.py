@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 RETRIES = 2  # of a task that failed on a worker, as for want of a network
 NICENESS = 2  # of a worker, above that of the command
-MAX_WAIT_S = 30.0  # for a scheduler to answer
+MAX_WAIT_S = 30.0  # for a scheduler to respond
 QUIET = {
     # By default Dask samples its processes a hundred times per second: 2 % of their time.
     'distributed.worker.profile.enabled': False,
@@ -65,7 +65,7 @@ class Workers:
     def gone(self) -> SchedulerError:
         """Return the error for a scheduler that is gone."""
         must_be = 'there until the end'
-        return SchedulerError(f'the scheduler {self.address}', must_be, 'no answer any more')
+        return SchedulerError(f'the scheduler {self.address}', must_be, 'no response')
 
 
 def dask_setup(worker: Worker) -> None:
@@ -141,7 +141,7 @@ def _client(
             cluster, timeout=MAX_WAIT_S, set_as_default=False, scheduler_file=scheduler_file
         )
     except (OSError, ValueError, TimeoutError) as err:
-        must_be = f'that of a Dask scheduler that answers within {MAX_WAIT_S:g} s'
+        must_be = f'that of a Dask scheduler that responds within {MAX_WAIT_S:g} s'
         raise SchedulerError('--scheduler', must_be, cluster or scheduler_file) from err
 
     def count() -> int:

@@ -44,8 +44,8 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         '--jobs',
         type=int,
         metavar='N',
-        help='recordings or files of a folder that are processed at once, each by one process; '
-        'default: as many as there are cores, from 300 MB on',
+        help='number of recordings or files processed at once, one process for each; '
+        'default: all cores, from 300 MB on',
     )
     add(
         '--scheduler',
@@ -53,7 +53,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         help='address of a Dask cluster whose workers process whole recordings or files of a '
         'folder, as tcp://host:8786; they must reach inputs and outputs by the same paths',
     )
-    add('--scheduler-file', metavar='FILE', help='file by which that cluster is found, instead')
+    add('--scheduler-file', metavar='FILE', help='scheduler file, in place of the address')
 
 
 def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:
@@ -222,7 +222,7 @@ def go_through(
 
 @contextmanager
 def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Iterator[Workers]:
-    """Choose who works: a cluster, processes of this machine, or this process.
+    """Choose the workers: a cluster, processes of this machine, or this process.
 
     Small files are cleaned by threads: they are done before several processes have started.
     """

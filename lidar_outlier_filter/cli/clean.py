@@ -60,7 +60,7 @@ def add_clean(commands: Commands) -> None:
         'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
         'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
         'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 some of the files '
-        'were refused, or none of the points of one could be tested.',
+        'were refused, or no point of a file could be tested.',
         epilog=EXAMPLES,
     )
     add = parser.add_argument
@@ -91,7 +91,7 @@ def add_clean(commands: Commands) -> None:
     add(
         '--unit',
         choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
-        help='unit of the coordinates; default: as LAS and LAZ say, metres elsewhere',
+        help='unit of the coordinates; default: that of the LAS or LAZ header, metres elsewhere',
     )
     add('--table', metavar='NAME', help='table of a database; default: the only one')
     add_chain_option(parser)
@@ -137,15 +137,15 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         '--rejected',
         choices=('mark', 'remove', 'separate'),
         help='mark (default): by classification 7 in LAS, by columns outlier, outlier_score and '
-        'outlier_detectors elsewhere, in a table of their own for a database, as missing '
-        'returns in PTX; remove; or separate: write them to a file of their own',
+        'outlier_detectors elsewhere (in a database: in a new table), in PTX as missing returns; '
+        'remove: leave them out; separate: write them to another file',
     )
     add(
         '--mark',
         choices=('class', 'noise', 'withheld'),
         default='class',
         help='how rejected points of LAS are marked: class (default): 7; noise: 7 or 18, as they '
-        'are below or above the kept points around; withheld: by this flag',
+        'are below or above the kept points around; withheld: the withheld flag',
     )
     add(
         '--scores',
@@ -162,8 +162,8 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
     add(
         '--ignore-classes',
         metavar=classes,
-        help='LAS classes, as 7,18 for known noise, whose points stay as they are, and are not '
-        'seen when others are judged',
+        help='LAS classes, such as 7,18 for known noise, whose points stay as they are and are not '
+        'used as neighbours',
     )
 
 
@@ -176,9 +176,9 @@ def _clean(options: argparse.Namespace) -> int:
     if is_single:
         _check(options, 1, is_archive=False)
     picture = options.picture if options.picture is None or can_draw() else None
-    look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
+    find_worst = _WorstFinder(worst=bool(options.dry_run or options.picture), picture=picture)
     run = _clean_one if is_single else _clean_many
-    status = run(options, parameters, folder, look)
+    status = run(options, parameters, folder, find_worst)
     if picture is not None and picture.is_file():
         show(f'written to {picture}')
     return INCOMPLETE if status == DONE and picture != options.picture else status
@@ -188,7 +188,7 @@ def _clean_many(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    look: _LookForWorst,
+    find_worst: _WorstFinder,
 ) -> int:
     """Clean several files, also those of folders."""
     from dataclasses import asdict
@@ -197,7 +197,7 @@ def _clean_many(
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
-    job = CleanJob(parameters, asdict(_clean_options(options)), look)
+    job = CleanJob(parameters, asdict(_clean_options(options)), find_worst)
     records, results = go_through(tasks, job, options, 'cleaning', folder)
     tables.show_cleaned(tasks, records, results, job)
     return tables.status(records)
@@ -225,7 +225,7 @@ def _clean_one(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    look: _LookForWorst,
+    find_worst: _WorstFinder,
 ) -> int:
     """Clean a single file, with a bar for each step; an error ends the command."""
     from lidar_outlier_filter.files.clean import clean_file
@@ -247,15 +247,15 @@ def _clean_one(
             outliers=options.outliers or next(iter(others), None),
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
-            inspect=lambda judged: found.append(look(judged)),
+            inspect=lambda judged: found.append(find_worst(judged)),
         )
     tables.show_file(path, report, found[0], perf_counter() - began)
     return INCOMPLETE if report.is_untested else DONE
 
 
 @dataclass(frozen=True)
-class _LookForWorst:
-    """Finds the worst of a file, and draws it, where that is wanted, before anything is written."""
+class _WorstFinder:
+    """Finds the worst tiles of a file, and draws them on request, before anything is written."""
 
     worst: bool
     picture: Path | None

@@ -33,20 +33,18 @@ def add_compile(commands: Commands) -> None:
     parser = commands.add_parser(
         'compile',
         help='compile the kernels, so that the node starts in seconds',
-        description='Compile the kernels of the default chain, and of the chains of the files that '
-        'come with the package, side by side. They are kept beside the package where that can be '
-        'written, else in the cache of the user, or in NUMBA_CACHE_DIR.',
+        description='Compile the kernels of the default chain and of the chains in config/, on all '
+        'cores. They are stored in NUMBA_CACHE_DIR if it is set, else beside the package, else in '
+        'the cache of the user.',
         epilog='examples:\n  lidar-outlier-filter compile\n'
         '  lidar-outlier-filter compile --chain lof,sor',
     )
-    parser.add_argument(
-        '--chain', metavar='A,B', help='the detectors of another chain, instead of all these'
-    )
+    parser.add_argument('--chain', metavar='A,B', help='compile the detectors of this chain only')
     parser.add_argument(
         '--portable',
         action='store_true',
-        help=f'those of all detectors of the package, too, for all processors that are {PORTABLE}, '
-        'as a wheel brings them: into folders "portable" beside the sources',
+        help=f'compile all detectors, for all {PORTABLE} processors, as in a wheel, into folders '
+        '"portable" beside the sources',
     )
     parser.set_defaults(run=_compile)
 

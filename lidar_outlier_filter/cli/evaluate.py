@@ -28,9 +28,9 @@ def add_evaluate(commands: Commands) -> None:
     """Add the command ``evaluate``."""
     parser = commands.add_parser(
         'evaluate',
-        help='compare what was rejected with the truth',
-        description='Count what a run found and lost, against labels: in the clouds of its output, '
-        'or in files beside them. With scores (scores: true) there are curves and detectors too. '
+        help='compare rejected points with labels',
+        description='Count the outliers found and the good points lost, by labels in the clouds or '
+        'in separate files. With scores (scores: true) also by detector, with ROC curves. '
         'Exit status: 0 all done; 1 refused; 3 written without pictures: matplotlib is missing.',
         epilog='examples:\n  lidar-outlier-filter evaluate drive_cleaned\n'
         '  lidar-outlier-filter evaluate street_cleaned.laz --labels truth.laz --codes 7,18',
@@ -39,12 +39,12 @@ def add_evaluate(commands: Commands) -> None:
         'verdicts',
         type=Path,
         metavar='OUTPUT',
-        help='recording with TOPIC/cleaned and TOPIC/outliers; or a file: what clean wrote, or any '
-        'with a column of scores',
+        help='recording with TOPIC/cleaned and TOPIC/outliers; or a file: an output of clean, or '
+        'any file with a column of scores',
     )
     add_truth(parser)
     parser.add_argument(
-        '--topic', metavar='T', help='of the clouds that were filtered; default: the only one'
+        '--topic', metavar='T', help='topic that was filtered; default: the only one'
     )
     parser.add_argument(
         '--score',
@@ -57,7 +57,7 @@ def add_evaluate(commands: Commands) -> None:
         default='',
         metavar='NAME',
         help='column of a file that is not 0 where rejected (classification: 7 or 18); default: '
-        'outlier, or what the score says, or classification',
+        'outlier, else the score, else classification',
     )
     parser.add_argument(
         '--threshold',
@@ -82,8 +82,8 @@ def add_truth(parser: argparse.ArgumentParser) -> None:
         action='append',
         metavar='FILE',
         help='the truth: SemanticKITTI .label, LAS, CSV, Parquet or another table, or .npy; for a '
-        'recording one for each cloud: repeated, in their order, or a folder, whose files are '
-        'ordered by the number in their names; default: a field of the clouds',
+        'recording one file per cloud: repeat the option in order, or name a folder, whose files '
+        'are ordered by the number in their names; default: a field of the clouds',
     )
     parser.add_argument(
         '--label',
@@ -186,7 +186,7 @@ def read_recording(
 
 
 def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:
-    """Write numbers, and pictures if wanted, to a new folder, which appears whole or not at all."""
+    """Write numbers, and pictures on request, to a new folder, which appears whole or not."""
     import json
 
     from lidar_outlier_filter.disk.new_files import FOLDER, new_output

@@ -35,11 +35,12 @@ def add_info(commands: Commands) -> None:
     """Add the command ``info``."""
     parser = commands.add_parser(
         'info',
-        help='say what is in a recording or a file, and what the defaults would do',
+        help='print what a recording or file contains, and try the defaults on it',
         description='Print the topics of a recording, their rates, gaps and time jumps, how its '
-        'clouds are read, how their scan lines lie, and what the defaults reject of the first '
-        'seconds, how fast. Of a file of points: its columns and extent. Exit status: 0 all done; '
-        '1 refused; 3 done, but messages that the recording counts were not found in it.',
+        'clouds are read, the layout of their scan lines, the share of points that the defaults '
+        'reject in the first seconds, and the speed. For a file of points: its columns and extent. '
+        'Exit status: 0 all done; 1 refused; 3 done, but the recording lacks messages that it '
+        'counts.',
         epilog='examples:\n  lidar-outlier-filter info drive\n'
         '  lidar-outlier-filter info street.laz',
     )
@@ -53,7 +54,7 @@ def add_info(commands: Commands) -> None:
         type=float,
         default=3.0,
         metavar='SECONDS',
-        help='how much of a recording the defaults judge; default: 3',
+        help='seconds of a recording that the defaults judge; default: 3',
     )
     parser.set_defaults(run=_info)
 

@@ -84,6 +84,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         prog=PROGRAM,
         description='Find outliers in lidar clouds: in recordings of a vehicle, in LAS and other '
         'files of a survey, and in labelled clouds for research.',
+        formatter_class=CommandHelp,
+        epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
+        '  lidar-outlier-filter clean street.laz --output cleaned.laz',
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(
@@ -175,7 +178,7 @@ def _kind(path: Path) -> tuple[str, Sequence[str], str, Path | None]:
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Answer a shell that asks how a line may continue, and exit."""
+    """Complete a line for the shell, and exit."""
     try:
         import argcomplete  # noqa: PLC0415  nobody else waits for it
     except ModuleNotFoundError:

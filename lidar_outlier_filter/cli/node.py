@@ -27,17 +27,17 @@ Split each cloud of a lidar into a cleaned and an outlier cloud, until SIGINT or
 
 topics:
   points           sensor_msgs/PointCloud2, the input; -r renames it
-  points/cleaned   what is kept, missing returns included
-  points/outliers  what was rejected
-  /diagnostics     once in a second, a status for each input
+  points/cleaned   kept points, including missing returns
+  points/outliers  rejected points
+  /diagnostics     once a second, one status for each input
 
 ROS arguments follow --ros-args. Some of them:
   -r points:=/velodyne_points                 the topic of the sensor
   -p chain:="['alpha_beta_gamma', 'lof']"     a parameter
   --params-file my.yaml                       a file of parameters
-  --log-level warn                            the least severe message that is logged
+  --log-level warn                            minimum severity of log messages
 
-All parameters are in share/lidar_outlier_filter/config/defaults.yaml, and of a running node:
+share/lidar_outlier_filter/config/defaults.yaml has all parameters; for a running node:
   ros2 param list /outlier_filter_node
   ros2 param describe /outlier_filter_node chain
 """
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         const=0,
         metavar='PORT',
         help='show clouds, diagnostics and sliders in a browser of this machine; the log names the '
-        'address; PORT: that of 127.0.0.1, default: any free one',
+        'address; PORT: on 127.0.0.1, default: any free port',
     )
     options = parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
     if options.page is None:

@@ -52,11 +52,11 @@ def add_replay(commands: Commands) -> None:
         'replay',
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
-        'TOPIC/outliers. Of a folder of recordings, or a pattern, each one goes to a folder of its '
-        'own; those that are done already are left. Exit status: 0 all done; 1 refused, nothing is '
-        'written, as where every cloud was refused; 3 written, but some clouds, or some '
-        'recordings, were refused and have no answer, no point of a topic could be tested, or part '
-        'of a damaged recording is lost. Recordings of an archive without clouds do not count.',
+        'TOPIC/outliers. For a folder of recordings, or a pattern, each recording gets an output '
+        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused, '
+        'nothing is written, also if every cloud was refused; 3 written, but clouds or recordings '
+        'were refused and have no output, no point of a topic could be tested, or part of a '
+        'damaged recording is lost. Recordings without clouds are not counted.',
         epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
         "  lidar-outlier-filter replay 'drives/*' --output cleaned --set chain=[lof,sor]",
     )
@@ -82,7 +82,7 @@ def add_replay(commands: Commands) -> None:
     parser.add_argument(
         '--drop-input',
         action='store_true',
-        help='leave the clouds that are filtered out of the copy',
+        help='do not copy the input clouds',
     )
     parser.add_argument(
         '--salvage',
@@ -128,7 +128,7 @@ def _show(report: ReplayReport) -> None:
     for topic in report.topics:
         if topic.refused:
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
-            say(f'{clouds} were refused and have no answer, for: {topic.refused_because}')
+            say(f'{clouds} were refused and have no output, for: {topic.refused_because}')
         if topic.untested_because:
             say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:
@@ -170,18 +170,18 @@ def add_mask(commands: Commands) -> None:
     """Add the command ``mask``."""
     parser = commands.add_parser(
         'mask',
-        help='learn from a drive where the sensor sees its own vehicle',
-        description='Write a mask for the parameter mask: what stays at the same direction and '
-        'range while the vehicle moves. Beside it, a picture. Exit status: 0 all done; 1 refused, '
-        'as of a recording in which the vehicle stands still.',
+        help='learn from a drive which returns are of the own vehicle',
+        description='Write a file for the parameter mask: the directions and ranges of returns '
+        'that stay the same while the vehicle moves. Draw a picture beside it. Exit status: 0 all '
+        'done; 1 refused, for example because the vehicle stands still.',
         epilog='examples:\n  lidar-outlier-filter mask drive --output car.csv\n'
         '  lidar-outlier-filter mask drive --output car.csv --reach 15',
     )
-    parser.add_argument('recording', type=Path, metavar='RECORDING', help='of a drive')
+    parser.add_argument('recording', type=Path, metavar='RECORDING', help='recording of a drive')
     parser.add_argument(
         '--output', type=Path, required=True, metavar='FILE', help='new mask, such as car.csv'
     )
-    parser.add_argument('--topic', metavar='T', help='of the clouds; default: the only one')
+    parser.add_argument('--topic', metavar='T', help='topic of the clouds; default: the only one')
     parser.add_argument(
         '--reach',
         type=float,
@@ -221,7 +221,7 @@ def _show_mask(output: Path, found: LearntMask) -> None:
     seen = found.mask.is_seen
     by = f'by {found.odometry}' if found.odometry else 'by the scene'
     show(
-        f'{found.topic}: {found.taken} of {found.looks} turns from elsewhere ({by})',
+        f'{found.topic}: {found.taken} of {found.turns} turns from elsewhere ({by})',
         f'the vehicle is in {seen.mean() if seen.size else 0.0:.1%} of the directions'
         + (_ranges(found.mask) if seen.any() else ''),
         f'written to {output}; use it with --set mask={output}',

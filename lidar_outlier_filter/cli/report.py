@@ -38,7 +38,7 @@ def add_report(commands: Commands) -> None:
     """Add the command ``report``."""
     parser = commands.add_parser(
         'report',
-        help='make a page to look at: what is rejected, why, and what another threshold would do',
+        help='make a page: rejected points, reasons, and the effect of other thresholds',
         description='Judge a recording or a file, and write one page that needs no network: the '
         'points in 3-D, a slider for the threshold of each detector, reasons, groups, histograms. '
         'Exit status: 0 all done; 1 refused, nothing is written; 3 written, but some clouds were '
@@ -59,15 +59,15 @@ def add_report(commands: Commands) -> None:
         '--figures',
         type=Path,
         metavar='DIR',
-        help='new folder for the same as SVG and PNG; the page is then written with --output only',
+        help='new folder for figures as SVG and PNG; the page is then written only with --output',
     )
-    parser.add_argument('--topic', metavar='T', help='of the clouds; default: the only one')
+    parser.add_argument('--topic', metavar='T', help='topic of the clouds; default: the only one')
     parser.add_argument(
         '--points',
         type=int,
         default=MOST_DRAWN,
         metavar='N',
-        help='draw at most so many points, 16 bytes each; counts are of all; default: %(default)s',
+        help='draw at most N points, 16 bytes each; counts are of all points; default: %(default)s',
     )
     add_parameter_options(parser)
     add_truth(parser)

@@ -71,7 +71,7 @@ def numbers(first: str, *others: str, texts: int = 1, **style: Any) -> Table:
 
 
 def missing_module(err: ModuleNotFoundError) -> FilterError:
-    """Say which extra brings a module that a command needs; raise again what is none of them."""
+    """Say which extra installs a module that a command needs; raise other errors again."""
     module = (err.name or '').partition('.')[0]
     if module == 'rosbags':  # of what the commands need, Ubuntu packages all but this
         where = 'installed for recordings (the page on installation has the line)'
@@ -83,7 +83,7 @@ def missing_module(err: ModuleNotFoundError) -> FilterError:
 
 
 def can_draw() -> bool:
-    """Return whether there is matplotlib; where there is none, say so."""
+    """Return whether matplotlib is installed; say so if it is not."""
     try:
         import_module('matplotlib')
     except ModuleNotFoundError as err:

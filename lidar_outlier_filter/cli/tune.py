@@ -43,11 +43,11 @@ def add_tune(commands: Commands) -> None:
     """Add the command ``tune``."""
     parser = commands.add_parser(
         'tune',
-        help='search parameters that find outliers like the ones labelled',
+        help='optimise parameters on labelled or injected outliers',
         description='Search windows, neighbours and thresholds of the detectors of the chain, '
-        'write a parameter file, and say what to expect of it: measured on stretches of the '
-        'recording that were not learnt from. The truth is a field of the clouds, files beside '
-        'them, or outliers that are injected into a clean recording.',
+        'write a parameter file, and print its expected recall and loss, by cross-validation on '
+        'stretches of the recording that are held out. The truth is a field of the clouds, files '
+        'beside them, or outliers that are injected into a clean recording.',
         epilog='examples:\n  lidar-outlier-filter tune drive --output tuned.yaml\n'
         '  lidar-outlier-filter tune drive --output tuned.yaml --set chain=[sor]',
     )
@@ -56,11 +56,11 @@ def add_tune(commands: Commands) -> None:
         type=Path,
         nargs='+',
         metavar='DATA',
-        help='recording, or a cloud that is a file; with several, what to expect is measured on '
-        'whole ones that were not learnt from, which says more',
+        help='recordings or files of points; of several, whole ones are held out, which is the '
+        'better estimate',
     )
     add_truth(parser)
-    parser.add_argument('--topic', metavar='T', help='of the clouds; default: the only one')
+    parser.add_argument('--topic', metavar='T', help='topic of the clouds; default: the only one')
     _add_injection(parser)
     _add_search(parser)
     parser.add_argument(
@@ -83,8 +83,8 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(1.0, 200.0),
         metavar=('LOW', 'HIGH'),
-        help='how far they are moved, metres, and at least LOW from every good point; clusters at '
-        'least twice as far; default: 1 200',
+        help='range of their displacement, metres; they end at least LOW from every good point, '
+        'clusters twice as far; default: 1 200',
     )
 
 
@@ -103,27 +103,27 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME',
-        help='a parameter to leave as it is; may be repeated',
+        help='a parameter that is not searched; may be repeated',
     )
     parser.add_argument(
         '--most-lost',
         type=float,
         default=0.01,
         metavar='SHARE',
-        help='of the good points that may be rejected; default: 0.01',
+        help='maximum share of good points that may be rejected; default: 0.01',
     )
     parser.add_argument(
         '--folds',
         type=int,
         metavar='N',
-        help='parts, each of which is left out once; default: 5, of several recordings each',
+        help='parts, each held out once; default: 5, or one for each of several recordings',
     )
     parser.add_argument(
         '--seed',
         type=int,
         default=1,
         metavar='N',
-        help='of what is injected; default: 1',
+        help='random seed of the injected outliers; default: 1',
     )
 
 

@@ -27,13 +27,13 @@ ALL = sum(BITS)  # bits for detectors
 # Beside the bit of a detector: it says more of the point, as the detector declares. It says nothing
 # alone, and has no vote.
 EXTRA = 0xFFFF & ~ALL & ~MASKED
-# Rounding to float32 must not make a rejected point look kept.
+# Rounding to float32 must not turn a rejected point into a kept one.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the chain says of N points.
+    """Verdict of a chain on N points.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Verdict:
     undecided : (N,) uint16
         The bits of the detectors that could not test the point.
     rejected : (N,) bool
-        Whether the point is an outlier: one bit in ``detectors``, or as many as must agree.
+        Whether the point is an outlier: a bit in ``detectors``, or the required number of bits.
     reason : (N,) uint8
         Why, where ``scores`` are requested: a number that :func:`.registry.reasons` names, or 0.
 
@@ -103,7 +103,7 @@ class Verdict:
         return self.rejected
 
     def add(self, bit: int, where: NDArray[np.intp], found: Scores) -> None:
-        """Note what one detector finds of some of the points; a score of NaN is nothing."""
+        """Add the scores of one detector for some of the points; NaN means undecided."""
         _add(np.uint16(bit), where, found.score, self.score, self.detectors, self.undecided)
         if found.extra is not None:
             self.detectors[where] |= found.extra

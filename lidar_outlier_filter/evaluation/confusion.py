@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Truth against verdict: counts, the figures that the papers make of them, intervals and curves.
 
-Positive is what is to be found: the outlier. Two habits of naming errors live side by side. Leslar,
-Wang and Hu (2010, tables 2-5) and Sotoodeh (2006, table 3; 2007, table 1) divide by all points of
-the cloud; Pirotti et al. (2018) divide false rejections by the good points and misses by the
-outliers, as ROC curves do. Both are here, each under a name of its own.
+The positive class is the outlier. Two conventions for naming errors are in use. Leslar, Wang and Hu
+(2010, tables 2-5) and Sotoodeh (2006, table 3; 2007, table 1) divide by all points of the cloud;
+Pirotti et al. (2018) divide false rejections by the good points and misses by the outliers, as ROC
+curves do. Both are here, under different names.
 
 A curve has the counts of every threshold of a score. Untested points (score NaN) are kept by every
 threshold: they come last, all together. Equal scores have one point on the curve, so ties count
@@ -45,7 +45,7 @@ SHARES = {
 
 
 class Interval(NamedTuple):
-    """Between which limits a figure is believed to lie; both NaN where nothing can be said."""
+    """Confidence limits of a figure; both NaN if unknown."""
 
     low: float
     high: float
@@ -55,7 +55,7 @@ UNKNOWN = Interval(math.nan, math.nan)
 
 
 class Share(NamedTuple):
-    """How many of how many."""
+    """A part of a total, as counts."""
 
     part: int
     total: int

@@ -93,7 +93,7 @@ class Judged:
         return Judged(**chosen)
 
     def stretch(self, count: int) -> tuple[Ints, int]:
-        """Cut what was judged into so many stretches, or as many as there are clouds.
+        """Cut the judged points into so many stretches, at most one per cloud.
 
         Returns the number of each point's stretch, and how many there are.
         """
@@ -115,8 +115,8 @@ def read_clouds(
     codes : what its labels mean
 
     """
-    parts = [_part(one) for one in answers(clouds, labels)]
-    what = f'the answers to {labels.topic}'
+    parts = [_part(one) for one in joined_clouds(clouds, labels)]
+    what = f'the outputs of {labels.topic}'
     if not parts:
         raise RecordingError(what, 'at least one point', 'none')
     columns: dict[str, Any] = {}
@@ -130,7 +130,7 @@ def read_clouds(
     return _with_truth(Judged(**columns), codes)
 
 
-class JoinedAnswer(NamedTuple):
+class JoinedCloud(NamedTuple):
     """One cleaned or outlier cloud: its points, their truth, and the number of the cloud."""
 
     points: Rows
@@ -139,17 +139,17 @@ class JoinedAnswer(NamedTuple):
     number: int
 
 
-def answers(
+def joined_clouds(
     clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
-) -> Iterator[JoinedAnswer]:
+) -> Iterator[JoinedCloud]:
     """Yield every cleaned and outlier cloud that has any points; see :func:`read_clouds`."""
     return _beside(clouds, labels) if labels.files else _inside(clouds, labels)
 
 
 def _inside(
     clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
-) -> Iterator[JoinedAnswer]:
-    """Yield answers whose truth is a field of theirs."""
+) -> Iterator[JoinedCloud]:
+    """Yield outputs whose truth is one of their fields."""
     counts = Counter[bool]()
     for rejected, message in clouds:
         if rejected is None:
@@ -158,15 +158,15 @@ def _inside(
         counts[rejected] += 1
         if not is_empty(message):
             points = structured(message).reshape(-1)
-            yield JoinedAnswer(points, rejected, labels.read(number, message), number)
+            yield JoinedCloud(points, rejected, labels.read(number, message), number)
 
 
 def _beside(
     clouds: Iterable[tuple[bool | None, Any]], labels: CloudLabels
-) -> Iterator[JoinedAnswer]:
-    """Yield answers whose truth is in one file for each input cloud, found by their stamps.
+) -> Iterator[JoinedCloud]:
+    """Yield outputs whose truth is in one file for each input cloud, found by their stamps.
 
-    Inputs and answers come in any order; an input without answers was refused by the filter.
+    Inputs and outputs come in any order; an input without outputs was refused by the filter.
     """
     numbers: dict[tuple[int, int], int] = {}
     pending: dict[tuple[int, int], dict[bool | None, Any]] = {}
@@ -182,24 +182,24 @@ def _beside(
             yield from _join(pending.pop(stamp), numbers[stamp], labels)
     if unknown := pending.keys() - numbers.keys():
         must_be = f'to clouds of {labels.topic}, by their stamps'
-        raise RecordingError('the answers', must_be, f'one with {unknown.pop()}')
+        raise RecordingError('the outputs', must_be, f'one with {unknown.pop()}')
     labels.check_count(len(numbers))
 
 
 def _join(
     together: Mapping[bool | None, Any], number: int, labels: CloudLabels
-) -> Iterator[JoinedAnswer]:
-    """Give the two answers to one cloud the labels of their points."""
+) -> Iterator[JoinedCloud]:
+    """Give the two outputs of one cloud the labels of their points."""
     messages = [together[which] for which in (None, False, True)]
     code = labels.read(number, messages[0])
     found = match(*(_rows(message, messages[0].point_step) for message in messages))
     if found is None:
         must_be = f'the points of cloud {number} of {labels.topic}'
-        raise RecordingError('the answers', must_be, 'others')
+        raise RecordingError('the outputs', must_be, 'others')
     for message, index, rejected in zip(messages[1:], found, (False, True), strict=True):
         if not is_empty(message):
             points = structured(message).reshape(-1)
-            yield JoinedAnswer(points, rejected, code[index], number)
+            yield JoinedCloud(points, rejected, code[index], number)
 
 
 def _rows(message: Any, step: int) -> Rows:
@@ -212,7 +212,7 @@ def _rows(message: Any, step: int) -> Rows:
 
 
 def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | None:
-    """Find the index in a cloud of each point of its two answers; None: they are not its own.
+    """Find the index in a cloud of each point of its two outputs; None: they are not its own.
 
     Points are found by their bytes. Of points that are equal byte by byte, the first are taken for
     those that were kept.
@@ -230,17 +230,17 @@ def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | Non
     return where[: len(cleaned)], where[len(cleaned) :]
 
 
-def _part(answer: JoinedAnswer) -> Judged:
+def _part(joined: JoinedCloud) -> Judged:
     """Read truth, verdict and scores of one cleaned or outlier cloud."""
-    points = answer.points
+    points = joined.points
     names = points.dtype.names or ()
     xyz = np.stack([points[axis] for axis in AXES], axis=1).astype(np.float64)
     has_surface = SURFACE in names and points.dtype[SURFACE] == np.uint8
     part = Judged(
-        answer.code,
+        joined.code,
         np.zeros(len(points), np.bool_),
-        np.full(len(points), answer.rejected),
-        np.full(len(points), answer.number),
+        np.full(len(points), joined.rejected),
+        np.full(len(points), joined.number),
         points[SCORE].astype(np.float32) if SCORE in names else None,
         points[DETECTORS].astype(np.uint16) if DETECTORS in names else None,
         np.sqrt(np.einsum('ij,ij->i', xyz, xyz)),

@@ -190,7 +190,7 @@ def read_column(path: Path, name: str) -> NDArray[Any]:
     ----------
     path : any file that ``clean`` reads, ``.label`` (SemanticKITTI: uint32, the class in the low 16
         bits) or ``.npy``
-    name : of the column; files with a single one do not look at it
+    name : of the column; ignored for files with a single one
 
     """
     plain = _PLAIN.get(path.suffix.lower())

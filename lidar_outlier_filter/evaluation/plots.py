@@ -50,17 +50,17 @@ def draw_roc(
     fewest = min(1 / curve.lost[-1] for curve in curves.values())
     left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MOST_DECADES)
     for number, (name, whole) in enumerate(curves.items()):
-        curve, look = whole.thinned(), look_of(number)
+        curve, style = whole.thinned(), style_of(number)
         text = f'{name}  AUC {whole.auc:.4f}' + _about(name, settings)
-        plain.plot(curve.false_rejections, curve.recall, label=text, **look)
+        plain.plot(curve.false_rejections, curve.recall, label=text, **style)
         # A logarithm has no 0: the curve enters at the left edge with what it had there.
         shown = np.maximum(curve.false_rejections, left)
-        close.plot(shown, curve.recall, label=text, drawstyle='steps-post', **look)
+        close.plot(shown, curve.recall, label=text, drawstyle='steps-post', **style)
         if settings and name in settings:
             dot = settings[name]
             for axes in (plain, close):
                 where = max(dot.false_rejections.ratio, left)
-                _mark(axes, where, dot.recall.ratio, look['color'])
+                _mark(axes, where, dot.recall.ratio, style['color'])
     plain.plot([0, 1], [0, 1], color=FRAME, linewidth=0.8, linestyle=':')
     close.set_xscale('log')
     close.set_xlim(left, 1)
@@ -80,12 +80,12 @@ def draw_precision_recall(
     figure = Figure((6.4, 4.8), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, whole) in enumerate(curves.items()):
-        curve, look = whole.thinned(), look_of(number)
+        curve, style = whole.thinned(), style_of(number)
         text = f'{name}  average {whole.average_precision:.4f}' + _about(name, settings)
-        axes.plot(curve.recall, curve.precision, label=text, drawstyle='steps-pre', **look)
+        axes.plot(curve.recall, curve.precision, label=text, drawstyle='steps-pre', **style)
         if settings and name in settings:
             dot = settings[name]
-            _mark(axes, dot.recall.ratio, dot.precision.ratio, look['color'])
+            _mark(axes, dot.recall.ratio, dot.precision.ratio, style['color'])
     dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
     axes.set_xlim(0, 1.01)
     axes.set_ylim(0, 1.01)
@@ -99,7 +99,7 @@ def check(series: Mapping[str, Any]) -> None:
         raise FilterError('what is to be drawn', 'at least one curve', 'none')
 
 
-def look_of(number: int) -> dict[str, Any]:
+def style_of(number: int) -> dict[str, Any]:
     """Return colour and dashes of a curve, by its number."""
     return {
         'color': COLOURS[number % len(COLOURS)],
@@ -119,7 +119,7 @@ def _mark(axes: Axes, x: float, y: float, colour: str) -> None:
 
 
 def dress(axes: Axes, x_label: str, y_label: str) -> None:
-    """Name the axes, and give a picture the look of all."""
+    """Name the axes, and apply the common style."""
     axes.set_xlabel(x_label, fontsize=11, color=INK)
     axes.set_ylabel(y_label, fontsize=11, color=INK)
     axes.tick_params(labelsize=10, colors=INK, length=3)
@@ -134,13 +134,13 @@ def dress(axes: Axes, x_label: str, y_label: str) -> None:
 def legend(figure: Figure, axes: Axes, where: str) -> None:
     """Name the curves within the picture, or, if they are many, beside it."""
     handles, labels = axes.get_legend_handles_labels()
-    look: dict[str, Any] = {'fontsize': 9, 'labelcolor': INK, 'framealpha': 0.9}
+    style: dict[str, Any] = {'fontsize': 9, 'labelcolor': INK, 'framealpha': 0.9}
     if len(handles) > MOST_INSIDE:
         figure.set_figwidth(figure.get_figwidth() + BESIDE)
-        box = figure.legend(handles, labels, loc='outside right upper', **look)
+        box = figure.legend(handles, labels, loc='outside right upper', **style)
     else:
         corner: Any = where
-        box = axes.legend(handles, labels, loc=corner, **look)
+        box = axes.legend(handles, labels, loc=corner, **style)
     box.get_frame().set_edgecolor(GRID)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is found out about a verdict whose truth is known, and how it is laid out."""
+"""Evaluation of verdicts against the truth, and its tables."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Evaluation:
     ----------
     whole : counts of all points
     stretches : (S, 4) int64, the same of each stretch of the recording
-    causes : rejected of all outliers, by their cause or class
-    surfaces : rejected of all good points, by what they lie on, where that is known
+    causes : share of the outliers rejected, by cause or class
+    surfaces : share of the good points rejected, by surface, if known
     ranges : counts by range, where that is known
     detectors : counts of what each detector rejected, where that is known
     untested : points without a score, and how many of them are outliers, where scores are known
-    curve : what other thresholds would have given, where scores are known
+    curve : results at other thresholds, if scores are known
 
     """
 
@@ -76,8 +76,8 @@ def evaluate(points: Judged, codes: Codes) -> Evaluation:
 
     Parameters
     ----------
-    points : what was judged
-    codes : what the codes of its truth are called
+    points : judged points with their truth
+    codes : names of its codes
 
     """
     stretch, count = points.stretch(STRETCHES)
@@ -178,69 +178,69 @@ def _to_json(value: Any) -> Any:
 
 def tables(result: Evaluation) -> list[Table]:
     """Lay out one run: the papers' figures, then causes, surfaces, ranges and detectors."""
-    answer = [_figures(result)]
+    content = [_figures(result)]
     for title, shares in (
         ('outliers', result.causes),
         ('good points', result.surfaces),
     ):
         if shares:
-            answer.append(_shares(title, shares))
+            content.append(_shares(title, shares))
     for title, groups in (('range', result.ranges), ('detector', result.detectors)):
         if groups:
-            answer.append(_groups(title, groups))
-    for table in answer:
+            content.append(_groups(title, groups))
+    for table in content:
         table.padding = (0, 1, 0, 0)  # in 80 columns
-    return answer
+    return content
 
 
 def number_table(*columns: str) -> Table:
     """Make a table whose first column is a text and all others are numbers."""
-    answer = Table(*columns, box=None, pad_edge=False)
-    for column in answer.columns:
+    content = Table(*columns, box=None, pad_edge=False)
+    for column in content.columns:
         column.no_wrap = True
-    for column in answer.columns[1:]:
+    for column in content.columns[1:]:
         column.justify = 'right'
-    return answer
+    return content
 
 
 def _figures(result: Evaluation) -> Table:
-    answer = number_table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
+    content = number_table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
     whole = result.whole
-    answer.add_row('points', f'{whole.total:,}')
+    content.add_row('points', f'{whole.total:,}')
     for name, (_, of, title) in SHARES.items():
         share = whole.share(name)
         shown = (f'{share.part:,}', percent(share.ratio), of.replace('total', 'cloud'))
-        answer.add_row(title, *shown, limits(share.interval))
-    answer.add_row('F1', '', percent(whole.f1), '', limits(result.f1_interval))
+        content.add_row(title, *shown, limits(share.interval))
+    content.add_row('F1', '', percent(whole.f1), '', limits(result.f1_interval))
     if result.untested is not None:
         unknown = result.untested
-        answer.add_row('untested, and so kept', f'{unknown.total:,}')
-        answer.add_row('  outliers among them', f'{unknown.part:,}', percent(unknown.ratio))
+        content.add_row('untested, and so kept', f'{unknown.total:,}')
+        content.add_row('  outliers among them', f'{unknown.part:,}', percent(unknown.ratio))
     if result.curve is not None:
-        answer.add_row('area under the ROC curve', '', f'{result.curve.auc:.4f}')
-        answer.add_row('average precision', '', f'{result.curve.average_precision:.4f}')
-    return answer
+        content.add_row('area under the ROC curve', '', f'{result.curve.auc:.4f}')
+        content.add_row('average precision', '', f'{result.curve.average_precision:.4f}')
+    return content
 
 
 def _shares(title: str, shares: Mapping[str, Share]) -> Table:
-    answer = number_table(
+    content = number_table(
         title, 'points', 'identified', 'share', f'{100 * CONFIDENCE:g} % interval'
     )
     for name, share in shares.items():
         interval = limits(share.interval)
         counts = (f'{share.total:,}', f'{share.part:,}')
-        answer.add_row(name, *counts, percent(share.ratio), interval)
-    return answer
+        content.add_row(name, *counts, percent(share.ratio), interval)
+    return content
 
 
 def _groups(title: str, groups: Mapping[str, Confusion]) -> Table:
-    answer = number_table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
+    content = number_table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
     for name, one in groups.items():
         ratios = (one.recall.ratio, one.precision.ratio, one.f1)
         lost = (f'{one.lost:,}', percent(one.false_rejections.ratio))
         counts = (f'{one.outliers:,}', f'{one.found:,}')
-        answer.add_row(name, *counts, *(percent(ratio) for ratio in ratios), *lost)
-    return answer
+        content.add_row(name, *counts, *(percent(ratio) for ratio in ratios), *lost)
+    return content
 
 
 def percent(ratio: float) -> str:

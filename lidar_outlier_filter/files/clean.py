@@ -66,14 +66,14 @@ class CleanReport:
     options : options of the run, beside the parameters
     crs, metres : the coordinate system, if the file names one, and metres per unit of coordinates
         in other units
-    lines, lack : how scan lines were found, or why there are none
+    lines, lack : how scan lines were found, or why not
     rings : number of rings recovered from elevations
     coarse : a warning that float32 coordinates are too far from the origin
     invalid : points that are no returns (NaN, Inf, all 0)
     ignored : points of ignored classes
     untested : points that no detector could test
     second_phase : points that the second phase of a detector marks
-    spared : points that would be rejected, but are of classes that stay as they are
+    spared : points of protected classes that would be rejected otherwise
     by_class : points and rejected points of each class
     low, high : rejected points below and above the kept points around them
     left_low : kept points that look like low points
@@ -139,7 +139,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
     parameters : of the filter
     options : of the run
     outliers : new file for the rejected points, where they are separated
-    progress : called with how many of how many points are done, and the step
+    progress : called with the number of points done, of all points, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
     inspect : called with the judged file before anything is written
     make : gives the paths that new files are written to
@@ -197,7 +197,7 @@ def list_clouds(
     """List the clouds to be written."""
     if options.rejected != MARK and file.whole:
         must_be = f'{MARK!r} for {file.path}: {file.whole}'
-        raise CloudError('what becomes of rejected points', must_be, repr(options.rejected))
+        raise CloudError('the treatment of rejected points', must_be, repr(options.rejected))
     if options.mark != CLASS and not (file.classes and options.rejected == MARK):
         must_be = f'{CLASS!r}, unless points of LAS and LAZ are marked'
         raise CloudError('how rejected points are marked', must_be, repr(options.mark))
@@ -205,7 +205,7 @@ def list_clouds(
         raise CloudError('the file for the outliers', 'given, to separate them', 'none')
     if options.rejected != SEPARATE and outliers is not None:
         must_be = f'{SEPARATE!r} where they have a file'
-        raise CloudError('what becomes of rejected points', must_be, repr(options.rejected))
+        raise CloudError('the treatment of rejected points', must_be, repr(options.rejected))
     clouds = [output] if outliers is None else [output, outliers]
     for cloud in clouds:
         if cloud.name.lower().endswith('.copc.laz'):

@@ -270,7 +270,7 @@ def parse_count(path: Path, what: str, text: str) -> int:
 def check_fits(path: Path, what: str, count: int, each: int, size: int) -> None:
     """Refuse a count of things, of at least ``each`` bytes, that do not fit into ``size`` bytes.
 
-    Things without a byte cannot be counted by their bytes: there may be as many as there are bytes.
+    Items of no bytes cannot be counted by their bytes: at most one per byte of the file is allowed.
     """
     most = max(0, size) // max(1, each)
     if not 0 <= count <= most:

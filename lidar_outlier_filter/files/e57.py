@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Floats
     from lidar_outlier_filter.files.cloud_file import Change
 
-_PLACES = ('cartesianX', 'cartesianY', 'cartesianZ')
+_CARTESIAN = ('cartesianX', 'cartesianY', 'cartesianZ')
 _ANGLES = ('sphericalRange', 'sphericalAzimuth', 'sphericalElevation')
 _NAMES = {
     'intensity': 'intensity',
@@ -83,14 +83,14 @@ class E57File(CloudFile):
         placed = bool({*'xyz'} & {*names})
         with _opened(self.path) as data:
             for scan in self._scans:
-                places = _PLACES if {*_PLACES} <= {*scan.fields} else _ANGLES
-                invalid = f'{"cartesian" if places is _PLACES else "spherical"}InvalidState'
-                asked = [*places * placed, *fields]
+                axes = _CARTESIAN if {*_CARTESIAN} <= {*scan.fields} else _ANGLES
+                invalid = f'{"cartesian" if axes is _CARTESIAN else "spherical"}InvalidState'
+                asked = [*axes * placed, *fields]
                 asked += [invalid] * (placed and invalid in scan.fields)
-                for chunk in self._chunks(data[scan.number], scan, asked or list(places)):
+                for chunk in self._chunks(data[scan.number], scan, asked or list(axes)):
                     values = {_NAMES.get(field, field): chunk[field] for field in chunk}
                     if placed:
-                        values |= zip('xyz', _placed(scan, chunk, places, invalid), strict=True)
+                        values |= zip('xyz', _placed(scan, chunk, axes, invalid), strict=True)
                     size = len(next(iter(chunk.values())))
                     values[_SCAN] = np.full(size, scan.number, np.int32)
                     yield tuple(values[name].astype(self.columns[name]) for name in names)
@@ -161,8 +161,8 @@ def _scan(path: Path, node: Any, number: int) -> _PosedScan:
     prototype = libe57.StructureNode(node['points'].prototype())
     nodes = [prototype.get(i) for i in range(prototype.childCount())]
     fields = {one.elementName(): _kind(one) for one in nodes}
-    if not any({*places} <= {*fields} for places in (_PLACES, _ANGLES)):
-        must_be = f'with {", ".join(_PLACES)} or {", ".join(_ANGLES)}'
+    if not any({*axes} <= {*fields} for axes in (_CARTESIAN, _ANGLES)):
+        must_be = f'with {", ".join(_CARTESIAN)} or {", ".join(_ANGLES)}'
         raise CloudError(f'{what} of {path}', must_be, ', '.join(fields) or 'none')
     count = node['points'].childCount()
     check_fits(path, f'the points of {what}', count, 1, _BITS * path.stat().st_size)
@@ -193,14 +193,14 @@ def _kind(node: Any) -> np.dtype[Any]:
 
 
 def _placed(
-    scan: _PosedScan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
+    scan: _PosedScan, chunk: Mapping[str, NDArray[Any]], axes: Sequence[str], invalid: str
 ) -> Iterator[Floats]:
     """Return x, y and z in the common frame; NaN where there is no return."""
-    x, y, z = (chunk[place] for place in places)
-    if places is _ANGLES:
+    x, y, z = (chunk[place] for place in axes)
+    if axes is _ANGLES:
         reach, azimuth, elevation = x, y, z
         level = reach * np.cos(elevation)
         x, y = level * np.cos(azimuth), level * np.sin(azimuth)
         z = reach * np.sin(elevation)
-    missing = chunk[invalid] != 0 if invalid in chunk else np.zeros(len(x), np.bool_)
-    return to_common_frame((x, y, z), scan.pose, missing)
+    no_return = chunk[invalid] != 0 if invalid in chunk else np.zeros(len(x), np.bool_)
+    return to_common_frame((x, y, z), scan.pose, no_return)

@@ -210,7 +210,7 @@ def _load(  # noqa: PLR0913  which points, and where to
     allocate: Allocate,
     progress: Progress,
 ) -> Loaded:
-    """Read the points; refuse a chain that needs scan lines where there are none."""
+    """Read the points; refuse a chain that needs scan lines if the file has no lines."""
     named = (*options.only, *options.keep, *options.ignore)
     if named and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')

@@ -138,7 +138,7 @@ class LasFile(CloudFile):
                 yield tuple(np.array(points[name]) for name in names)
 
     def _points(self, reader: laspy.LasReader, requested: Parts) -> Iterator[Any]:
-        """Read points chunk by chunk; of LAZ, only the parts that are wanted."""
+        """Read points chunk by chunk; of LAZ, only the requested parts."""
         if reader.header.are_points_compressed:
             return _unpacked(self.path, reader.header, requested, CHUNK)
         return iter(reader.chunk_iterator(CHUNK))

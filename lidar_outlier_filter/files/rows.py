@@ -234,7 +234,7 @@ def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
 
 
 def to_common_frame(
-    xyz: Sequence[Any], pose: Floats, missing: Bools | None = None
+    xyz: Sequence[Any], pose: Floats, no_return: Bools | None = None
 ) -> Iterator[Floats]:
     """Yield x, y and z (n,) of a scan in the common frame; a missing return is NaN.
 
@@ -242,7 +242,7 @@ def to_common_frame(
     """
     x, y, z = xyz
     at_origin = (x == 0) & (y == 0) & (z == 0)
-    missing = at_origin if missing is None else missing | at_origin
+    no_return = at_origin if no_return is None else no_return | at_origin
     with np.errstate(invalid='ignore', over='ignore'):  # infinite ones are no returns either
         for a, b, c, offset in pose:
-            yield np.where(missing, np.nan, x * a + y * b + z * c + offset)
+            yield np.where(no_return, np.nan, x * a + y * b + z * c + offset)

@@ -275,7 +275,7 @@ class PtxFile(CloudFile):
 
 
 def _next_line(stream: BinaryIO) -> int:
-    """Find where the next line begins that is not empty; -1: there is none."""
+    """Find where the next line begins that is not empty; -1: no such line."""
     while line := stream.readline(_MAX_HEADER_LINE_BYTES):
         if not line.isspace():
             return stream.tell() - len(line)

@@ -110,7 +110,7 @@ def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
 
 
 def as_given(cloud: Any) -> Any:
-    """Turn an answer to :func:`as_message` into what was given: arrays become arrays again."""
+    """Turn an output for :func:`as_message` into what was given: arrays become arrays again."""
     return cloud.rows if isinstance(cloud, ArrayCloud) else cloud
 
 

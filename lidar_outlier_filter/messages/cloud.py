@@ -177,7 +177,7 @@ def first_numbers(detectors: NDArray[np.uint16]) -> Bytes:
 
     15 is the own vehicle.
 
-    Viewers give numbers evenly spaced colours; in sums of bits most detectors look alike.
+    Viewers space colours evenly over numbers: sums of bits would give similar colours.
     """
     bits = detectors & np.uint16(0xFFFF & ~EXTRA)
     lowest = bits & (~bits + np.uint16(1))

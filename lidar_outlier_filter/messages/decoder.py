@@ -134,7 +134,7 @@ class Decoder:
         # By now nothing is refused any more.
         self._remember(view.dtype, convention)
         if not self._coarse:
-            self._look_at_steps(view.dtype, xyz, valid)
+            self._check_steps(view.dtype, xyz, valid)
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
         return masked(points, self._mask, self.parameters)
 
@@ -144,7 +144,7 @@ class Decoder:
         Raises
         ------
         CloudError
-            If it could not be answered.
+            If it cannot be processed.
 
         """
         self._refuse_scores(msg)
@@ -198,7 +198,7 @@ class Decoder:
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.missing}')
 
-    def _look_at_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
+    def _check_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
         """Warn, once, of coordinates that are too far away for float32."""
         single = [dtype[axis].base.itemsize == 4 and dtype[axis].kind == 'f' for axis in AXES]  # noqa: PLR2004  bytes
         if warning := too_coarse(xyz, valid, single):
@@ -283,7 +283,7 @@ class Decoder:
         return np.arctan2(xyz[:, second], xyz[:, first])
 
     def _intensity(self, view: Rows) -> Singles | None:
-        """Return the intensities, where there are any and a detector looks at them."""
+        """Return the intensities, if the cloud has them and a detector reads them."""
         if not reads(self.parameters, 'intensity'):
             return None
         name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')

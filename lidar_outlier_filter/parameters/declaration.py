@@ -31,7 +31,7 @@ TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', s
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: what a user may know of it.
+    """One parameter, as users see it.
 
     ``low`` and ``high`` are inclusive and None where there is no limit; ``choices`` are the texts
     allowed, empty where any is. A ``fixed`` parameter shapes the stream and is set at the start
@@ -59,7 +59,7 @@ class Parameter:
             return f'at least {self.low:g}{unit}'
         if self.high is not None:
             return f'at most {self.high:g}{unit}'
-        return TYPE_NAMES.get(type(self.default), 'a list of texts')
+        return TYPE_NAMES.get(type(self.default), 'a list of strings')
 
     def check(self, value: object) -> Any:
         """Return the value in the parameter's own type, or refuse it."""
@@ -95,7 +95,7 @@ class Parameter:
 
     def _check_list(self, value: object) -> tuple[str, ...]:
         if not isinstance(value, list | tuple):
-            raise ParameterError(self.name, 'a list of texts', shown(value))
+            raise ParameterError(self.name, 'a list of strings', shown(value))
         values = tuple(value)
         for item in values:
             self._check_text(item)
@@ -118,7 +118,7 @@ def _is_text(text: str) -> bool:
 
 
 def shown(value: object) -> str:
-    """Write a value as Python does, but never at a length that nobody reads."""
+    """Write a value as Python does, shortened if it is long."""
     return _SHORT.repr(value)
 
 

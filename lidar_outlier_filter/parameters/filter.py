@@ -51,7 +51,7 @@ class FilterParameters:
 
     inputs: tuple[str, ...] = declare(
         ('points',),
-        'Topics of the sensors; the answers to each go to its /cleaned and /outliers.',
+        'Topics of the sensors; each is split into its /cleaned and /outliers.',
         fixed=True,
     )
     chain: tuple[str, ...] = declare(
@@ -60,15 +60,13 @@ class FilterParameters:
     )
     vote: int = declare(
         0,
-        'Detectors that must agree, each of which sees all points; 0: one is enough, and each sees '
-        'what the earlier ones left.',
+        'Number of detectors that must agree, each testing all points; 0: one is enough, and each '
+        'tests the points that the earlier ones kept.',
         '',
         0,
         16,
     )
-    threads: int = declare(
-        0, 'Threads for the spatial detectors; 0: as many as there are cores.', '', 0, 256
-    )
+    threads: int = declare(0, 'Threads for the spatial detectors; 0: all cores.', '', 0, 256)
     time_field: str = declare(
         'auto', 'Field with the time of each point; auto: by its name.', fixed=True
     )
@@ -86,8 +84,8 @@ class FilterParameters:
     )
     points_per_second: float = declare(
         1e7,
-        'Stands in for a missing time field: point i is i / points_per_second after the stamp. Too '
-        'high does no harm, too low lets clouds overlap; 0: clouds without time are refused.',
+        'Replaces a missing time field: point i is i / points_per_second after the stamp. Too high '
+        'is harmless, too low makes clouds overlap; 0: clouds without time are refused.',
         '1/s',
         0.0,
         1e9,
@@ -95,7 +93,7 @@ class FilterParameters:
     )
     time_jump: float = declare(
         1.0,
-        'A clock that goes back by more resets the stream; one that goes back by less is refused.',
+        'A larger backward jump of the clock resets the stream; a smaller one refuses clouds.',
         's',
         0.0,
         1e9,
@@ -104,8 +102,8 @@ class FilterParameters:
     line_source: str = declare(
         'auto',
         'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
-        'angle. auto: a field, a row where there is no such field, a message where there is '
-        'neither.',
+        'angle. auto: the field if there is one, else rows if the cloud is organised, else '
+        'messages.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
     )
@@ -137,26 +135,31 @@ class FilterParameters:
     )
     blocks: str = declare(
         'time',
-        'What is judged together. time: stretches of sensor time. message: each message, with the '
-        'halo before it only; it is answered at once. auto: message where one of the first three '
-        'messages spans at least a quarter of block, as one sweep does; time where none does.',
+        'Points judged together. time: stretches of sensor time. message: each message, with the '
+        'halo before it only; each is published at once. auto: message if one of the first three '
+        'messages spans at least a quarter of block, as one sweep does; otherwise time.',
         choices=('time', 'message', 'auto'),
         fixed=True,
     )
     block: float = declare(
         0.1,
-        'Length of the stretches of sensor time that are judged together.',
+        'Length of a block: an interval of sensor time whose points are judged together.',
         's',
         1e-3,
         60.0,
         fixed=True,
     )
     halo: float = declare(
-        0.01, 'Stretch before and after a block that is seen with it.', 's', 0.0, 60.0, fixed=True
+        0.01,
+        'Time before and after a block that is used with it.',
+        's',
+        0.0,
+        60.0,
+        fixed=True,
     )
     lateness: float = declare(
         0.0,
-        'How much older than the newest point a point may be that still arrives.',
+        'Maximum time by which a point may arrive later than newer ones.',
         's',
         0.0,
         60.0,
@@ -167,7 +170,7 @@ class FilterParameters:
     )
     max_points: int = declare(
         50_000_000,
-        'Most points held at once; a cloud beyond is refused.',
+        'Maximum buffered points; further clouds are refused.',
         '',
         1,
         2_000_000_000,
@@ -185,13 +188,11 @@ class FilterParameters:
     )
     mask: str = declare(
         OFF,
-        'The own vehicle: a file that the command mask has learnt, whose points go to the outliers '
-        "unseen by the detectors; 'off': none.",
+        'File with the mask of the own vehicle, from the command mask: its points are outliers '
+        "that detectors do not use; 'off': no mask.",
         fixed=True,
     )
-    mask_tolerance: float = declare(
-        0.1, 'How much nearer or farther than in the mask the vehicle may be.', 'm', 0.0, 10.0
-    )
+    mask_tolerance: float = declare(0.1, 'Tolerance of the ranges in the mask.', 'm', 0.0, 10.0)
     scores: bool = declare(
         default=False,
         text='Add outlier_score (float32), outlier_detectors (uint16), for viewers '

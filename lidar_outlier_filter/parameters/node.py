@@ -23,7 +23,7 @@ class MotionParameters:
         fixed=True,
     )
     topic: str = declare('odometry', 'Topic of the odometry.', fixed=True)
-    fixed_frame: str = declare('odom', 'Frame that stands still (tf).', fixed=True)
+    fixed_frame: str = declare('odom', 'Fixed frame (tf).', fixed=True)
     x: float = declare(0.0, 'Sensor in front of the child frame.', 'm', -1000.0, 1000.0, fixed=True)
     y: float = declare(0.0, 'Sensor to the left of it.', 'm', -1000.0, 1000.0, fixed=True)
     z: float = declare(0.0, 'Sensor above it.', 'm', -1000.0, 1000.0, fixed=True)
@@ -38,7 +38,7 @@ class MotionParameters:
     pitch: float = declare(0.0, 'Then about y.', 'rad', -7.0, 7.0, fixed=True)
     yaw: float = declare(0.0, 'Then about z.', 'rad', -7.0, 7.0, fixed=True)
     max_gap: float = declare(
-        0.2, 'Longest time between two poses that is interpolated.', 's', 1e-6, 60.0, fixed=True
+        0.2, 'Maximum time between two poses for interpolation.', 's', 1e-6, 60.0, fixed=True
     )
 
     def check(self, inputs: int) -> None:
@@ -50,7 +50,7 @@ class MotionParameters:
 
 @dataclass(frozen=True)
 class LoadParameters:
-    """What waits to be filtered, and what becomes of it when it is too much."""
+    """Limits of the queue of clouds, and its policy under overload."""
 
     policy: str = declare(
         'drop_oldest',
@@ -61,11 +61,9 @@ class LoadParameters:
         choices=('drop_oldest', 'pass_through', 'degrade'),
     )
     clouds: int = declare(
-        1000, 'Most clouds that wait to be filtered; the oldest is dropped.', '', 1, 100_000
+        1000, 'Maximum number of pending clouds; the oldest is dropped.', '', 1, 100_000
     )
-    megabytes: int = declare(
-        512, 'Most memory of the clouds that wait to be filtered.', 'MB', 1, 1_000_000
-    )
+    megabytes: int = declare(512, 'Maximum memory of pending clouds.', 'MB', 1, 1_000_000)
 
 
 # Above these, and above the limit of the warning, the level is ERROR.
@@ -96,5 +94,5 @@ class HealthLimits:
         0.5, 'Share of the usual returns of a sector that are missing: a warning.', '', 0.0, 1.0
     )
     visibility: float = declare(
-        50.0, 'Visibility, where it is less: a warning; 0: never.', 'm', 0.0, 1000.0
+        50.0, 'Lowest visibility without a warning; 0: never warn.', 'm', 0.0, 1000.0
     )

@@ -170,7 +170,7 @@ def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str
                 continue
             break
         else:
-            # No single step leads there: on the way one is refused, and must be set once more.
+            # No order of single steps is valid: one step is refused, and must be repeated later.
             name, value = next(iter(left.items()))
         lines.append(f'ros2 param set /{NODE_NAME} {name} {as_yaml(value)}')
         del left[name]

@@ -43,7 +43,7 @@ PATIENT = 10  # niceness beside a filter that runs
 _ready: set[tuple[object, ...]] = set()  # what chooses kernels, of chains ready in this process
 
 
-class NotCompiled(Exception):  # noqa: N818  no error: an answer
+class NotCompiled(Exception):  # noqa: N818  no error: a result
     """A kernel would have to be compiled."""
 
 

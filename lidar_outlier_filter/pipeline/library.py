@@ -37,10 +37,10 @@ class CloudFilter(Pipeline):
     Parameters
     ----------
     parameters : mapping of flat names to values, or FilterParameters; optional
-        Others have their defaults.
+        All others have their defaults.
     inform, warn : callable, optional
-        Called once with a sentence that says how the clouds are read and judged, and what they
-        lack.
+        Called once with a sentence on how the clouds are read and judged, or on missing
+        fields.
     chain : str or sequence of str, optional
         The detectors, in their order; short for ``chain`` in ``parameters``.
 
@@ -51,7 +51,7 @@ class CloudFilter(Pipeline):
     statistics : Statistics
         Counts since the start.
     refuse : callable
-        Called with the error of a cloud that was accepted, and refused when its block was judged.
+        Called with the error of an accepted cloud that is refused when its block is judged.
     fail : callable
         Called with an error that a detector raised, once for each line of code.
     slow : callable
@@ -72,8 +72,8 @@ class CloudFilter(Pipeline):
     >>> cloud['t'] = np.arange(2000) * 50_000  # nanoseconds after the stamp
     >>> cloud['z'][1234] = 30
     >>> filter = CloudFilter({'lof.threshold': 2.0}, chain=['lof'])
-    >>> answers = filter.push(cloud, stamp=1_700_000_000_000_000_000) + filter.flush()
-    >>> answers[0].outliers['z'].tolist(), answers[0].cleaned.size
+    >>> outputs = filter.push(cloud, stamp=1_700_000_000_000_000_000) + filter.flush()
+    >>> outputs[0].outliers['z'].tolist(), outputs[0].cleaned.size
     ([30.0], 1999)
 
     """
@@ -100,9 +100,9 @@ class CloudFilter(Pipeline):
             With the fields x, y and z, metres. Its cleaned and outlier clouds are of the same kind.
             It must not change until they are returned.
         tag : optional
-            Is returned with them.
+            Any object; it is returned with the outputs.
         stamp : int, optional
-            Time that the times of an array count from, nanoseconds. Absolute times need none.
+            Reference of relative times in an array, nanoseconds; absolute times need none.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class CloudFilter(Pipeline):
         >>> from lidar_outlier_filter import CloudFilter
         >>> filter = CloudFilter(chain=['sor'])
         >>> cloud = np.zeros(3, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'f8')])
-        >>> [answer.tag for answer in filter.push(cloud, 'the first', stamp=0) + filter.flush()]
+        >>> [output.tag for output in filter.push(cloud, 'the first', stamp=0) + filter.flush()]
         ['the first']
 
         """
@@ -137,7 +137,7 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     ----------
     xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2
         Positions, metres. Missing returns (NaN, Inf, or all three 0) are kept, and their score is
-        NaN. The last two bring time, ring and intensity in the fields that drivers give them.
+        NaN. Structured arrays and PointCloud2 have times, rings and intensities in fields.
     t : (N,) array, optional
         Time of each point: floats are seconds, integers are nanoseconds.
     line : (N,) array of integers, optional
@@ -148,7 +148,7 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
         Detectors in their order; ``alpha_beta_gamma`` needs ``t`` and ``line``, and
         ``boosted_trees``, the default, uses them where they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
-        As in ``{'lof.threshold': 1.5}``. Those of a stream (``block``, ``halo``) have no effect.
+        As in ``{'lof.threshold': 1.5}``. Those for streams (``block``, ``halo``) have no effect.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a cloud: message → points → blocks → verdict → cleaned and outliers. Without ROS."""
+"""The steps of a cloud: message → points → blocks → verdict → cleaned and outliers. Without ROS."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ class Pipeline:
 
     @property
     def oldest(self) -> Any:
-        """Tag of the oldest pending cloud; None if there is none."""
+        """Tag of the oldest pending cloud; None if no cloud is pending."""
         pending = self._blocks.pending or self._queue.clouds
         return pending[0].tag if pending else None
 
@@ -392,7 +392,7 @@ class Pipeline:
 
 
 def _line_chain(chain: Chain) -> Chain | None:
-    """Return the chain of the detectors that judge each line by itself; None if there is none."""
+    """Return the chain of the detectors that judge each line by itself, or None."""
     parameters = chain.parameters
     names = tuple(name for name in parameters.chain if DETECTORS[name].lines == 'needs')
     if len(names) < max(parameters.vote, 1):

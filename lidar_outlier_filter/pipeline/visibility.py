@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well a sensor sees: what is rejected where, what does not come back, and how far it sees.
+"""View of a sensor: rejected and missing returns by sector and range, and the visibility.
 
-What a sector usually has is learnt while the sensor runs. So dirt or fog that was there from the
-start is not seen.
+The usual returns of a sector are learnt at run time: dirt or fog that is present at the start is
+not detected.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BANDS = (0.0, 5.0, 15.0, 30.0)  # metres: begin there
 MAX_RINGS = 1024
 STEP, STEPS = 1.15, 45  # ranges from 1 m on, each so many times the one before
 MIN_SAMPLES = 10  # before anything is usual
-MEMORY = 60.0  # looks that what is usual is the mean of
+MEMORY = 60.0  # samples that the usual counts are the mean of
 MIN_RETURNS = 3.0  # of a ring in a sector and a cloud, to say anything
 STEADY = 0.15  # of the returns: a ring whose number changes by less in a sector always returns
 LOST = 0.05  # of all returns: where less is missing, only the scene has changed
@@ -41,21 +41,21 @@ CONTRAST = -math.log(0.05)
 
 @dataclass(frozen=True)
 class SensorView:
-    """What one look has seen.
+    """One sample of the sensor's view.
 
     Attributes
     ----------
     rejected : (SECTORS, BANDS) float64
-        Share of the points there; NaN where there are none.
-    missing : (SECTORS,) float64
-        Share of the returns that the sector usually has; NaN where that is not known.
+        Share of the points there; NaN without points.
+    no_return : (SECTORS,) float64
+        Share of the sector's usual returns that are missing; NaN if unknown.
     visibility : float
-        Metres; inf where it is not less than usual, NaN where what is usual is not known.
+        Metres; inf if it is not reduced, NaN if the usual returns are not known yet.
 
     """
 
     rejected: Floats
-    missing: Floats
+    no_return: Floats
     visibility: float
 
     def complaints(self, limits: HealthLimits) -> list[str]:
@@ -64,8 +64,8 @@ class SensorView:
         haze = 0.0
         if self.visibility < limits.visibility:
             found.append(f'the visibility is {self.visibility:.0f} m')
-            haze = _usual_share(self.missing)
-        blind = np.flatnonzero(self.missing - haze > limits.blind)
+            haze = _usual_share(self.no_return)
+        blind = np.flatnonzero(self.no_return - haze > limits.blind)
         if len(blind):
             where = ', '.join(sector_name(sector) for sector in blind.tolist())
             found.append(f'no return where there usually is one: dirt on the window at {where}?')
@@ -76,7 +76,7 @@ class SensorView:
         found = {'visibility, m': f'{self.visibility:.0f}'}
         for sector in range(SECTORS):
             name = sector_name(sector)
-            found[f'missing at {name}'] = f'{self.missing[sector]:.1%}'
+            found[f'missing at {name}'] = f'{self.no_return[sector]:.1%}'
             shares = ', '.join(f'{share:.1%}' for share in self.rejected[sector].tolist())
             found[f'rejected at {name}, from {", ".join(f"{b:g}" for b in BANDS)} m'] = shares
         return found
@@ -84,7 +84,7 @@ class SensorView:
     def plotted(self) -> tuple[float, ...]:
         """Return the values of ``VIEWED``."""
         rejected = self.rejected.reshape(-1).tolist()
-        return (self.visibility, *self.missing.tolist(), *rejected)
+        return (self.visibility, *self.no_return.tolist(), *rejected)
 
 
 def sector_name(sector: int) -> str:
@@ -93,7 +93,7 @@ def sector_name(sector: int) -> str:
     return f'{sector * width}° to {(sector + 1) * width}°'
 
 
-# Of one look, in this order, in the message of its own.
+# Of one sample, in this order, in the message of its own.
 VIEWED = (
     'visibility',
     *(f'missing {sector_name(sector)}' for sector in range(SECTORS)),
@@ -107,14 +107,14 @@ UNSEEN = (math.nan,) * len(VIEWED)
 
 
 class SensorWatch:
-    """Counts what becomes of returns, in the filter's thread, and compares, in another."""
+    """Counts returns in the filter's thread, and compares them in another."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
         self._lock = threading.Lock()
         self._tally = _ViewTally.nothing(0)
         self._clouds = 0
-        self._looks = 0
+        self._samples = 0
         self._usual = self._change = np.zeros((0, SECTORS))  # returns of a cloud, and their change
         self._usual_steps = np.zeros((SECTORS, STEPS))
 
@@ -130,7 +130,7 @@ class SensorWatch:
             _count(points.xyz, line, cloud.verdict.rejected[cloud.where], self._tally)
 
     def sample(self, limits: HealthLimits) -> SensorView | None:
-        """Return what was seen since the last look; None: no cloud."""
+        """Return the view since the last sample; None: no cloud."""
         with self._lock:
             tally, clouds = self._tally, self._clouds
             self._tally, self._clouds = _ViewTally.nothing(len(tally.kept)), 0
@@ -139,19 +139,19 @@ class SensorWatch:
         now, steps = tally.kept / clouds, tally.steps / clouds
         now = _grown(now, len(self._usual))
         self._usual, self._change = (_grown(one, len(now)) for one in (self._usual, self._change))
-        missing = self._missing(now)
+        no_return = self._no_return(now)
         # NaN is no number that is above a limit: sectors that nothing is known of count, too.
-        open_ = ~(missing - _usual_share(missing) > limits.blind)
+        open_ = ~(no_return - _usual_share(no_return) > limits.blind)
         visibility = self._visibility(steps[open_].sum(axis=0), open_)
         with np.errstate(invalid='ignore'):
-            view = SensorView(tally.rejected / tally.points, missing, visibility)
-        if now.any() and (self._looks < MIN_SAMPLES or not view.complaints(limits)):
+            view = SensorView(tally.rejected / tally.points, no_return, visibility)
+        if now.any() and (self._samples < MIN_SAMPLES or not view.complaints(limits)):
             self._learn(now, steps)
         return view
 
-    def _missing(self, now: Floats) -> Floats:
+    def _no_return(self, now: Floats) -> Floats:
         """Return the share of the returns that is missing, by sector, of rings that always have."""
-        known = (self._looks >= MIN_SAMPLES) & (self._usual >= MIN_RETURNS)
+        known = (self._samples >= MIN_SAMPLES) & (self._usual >= MIN_RETURNS)
         steady = known & (self._change <= STEADY * self._usual)
         usual = np.where(steady, self._usual, 0.0).sum(axis=0)
         there = np.where(steady, np.minimum(now, self._usual), 0.0).sum(axis=0)
@@ -163,10 +163,10 @@ class SensorWatch:
         In clear air the usual surface is seen up to a range. In fog it is seen up to where its echo
         is as weak: it falls with the square of the range, and with the extinction on both ways.
         """
-        if self._looks < MIN_SAMPLES or not steps.any():
+        if self._samples < MIN_SAMPLES or not steps.any():
             return math.nan
         usual = self._usual_steps[open_].sum(axis=0)
-        # Without those that only changed places, from near to far or the other way.
+        # Without those that only moved from near to far or back.
         if steps.sum() > (1 - LOST) * usual.sum():
             return math.inf
         beyond, before = np.cumsum(steps[::-1])[::-1], np.cumsum(usual[::-1])[::-1]
@@ -181,9 +181,9 @@ class SensorWatch:
 
     def _learn(self, now: Floats, steps: Floats) -> None:
         """Let what is usual follow."""
-        weight = 1 / min(self._looks + 1, MEMORY)
-        self._looks += 1
-        if self._looks > 1:
+        weight = 1 / min(self._samples + 1, MEMORY)
+        self._samples += 1
+        if self._samples > 1:
             self._change = self._change + weight * (np.abs(now - self._usual) - self._change)
         self._usual = self._usual + weight * (now - self._usual)
         self._usual_steps = self._usual_steps + weight * (steps - self._usual_steps)
@@ -250,9 +250,9 @@ def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _ViewTally) -> None:
         tally.steps[sector, step] += 1
 
 
-def _usual_share(missing: Floats) -> float:
+def _usual_share(no_return: Floats) -> float:
     """Return what most sectors miss: fog takes from all of them, dirt from some."""
-    known = missing[~np.isnan(missing)]
+    known = no_return[~np.isnan(no_return)]
     return float(np.median(known)) if len(known) else 0.0
 
 

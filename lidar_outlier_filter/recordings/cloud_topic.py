@@ -177,14 +177,14 @@ class CloudTopic:
 
     def _write(self, finished: Sequence[SplitCloud]) -> None:
         if self._take is not None:
-            for (cloud, msg), answer in zip(self._shown, finished, strict=True):
-                self._take(cloud, msg, answer.tag[0] - 1)
+            for (cloud, msg), result in zip(self._shown, finished, strict=True):
+                self._take(cloud, msg, result.tag[0] - 1)
             self._shown.clear()
         if not any(self.pipeline.requested_outputs):
             return
-        for answer in finished:
-            _, time = answer.tag
-            for topic, msg in zip(self._outputs, (answer.cleaned, answer.outliers), strict=True):
+        for result in finished:
+            _, time = result.tag
+            for topic, msg in zip(self._outputs, (result.cleaned, result.outliers), strict=True):
                 self._bag.write(topic, time, bytes(self._types.serialize_cdr(msg, CLOUD)))
 
     def report(self) -> TopicReport:

@@ -51,7 +51,7 @@ class ScanGeometry:
     lines : scan lines
     per_line : points of a line, the median
     seconds : between its first and its last point
-    near, far : the nearest 1 % of the points, and the farthest, are beyond; m
+    near, far : 1st and 99th percentile of the range, m
     invalid : share of the points without a return
     low, high : elevation of the rings, degrees; nan where lines are not level around the sensor
     step, even : between rings, the median, degrees; and whether all are alike

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 TURN_NS = SECOND * 9 // 100  # nanoseconds: about a turn
-MIN_TURNS = 10  # looks from elsewhere
+MIN_TURNS = 10  # turns from elsewhere
 MAX_REACH_M = 30.0  # metres
 
 
@@ -39,7 +39,7 @@ class LearntMask:
     ----------
     topic : of the clouds
     odometry : topic of the poses; empty: movement was seen from the scene
-    looks, taken : turns of the sensor, and those that count, as the vehicle had moved on
+    turns, taken : turns of the sensor, and those that count, as the vehicle had moved on
     refused : clouds that were refused
 
     """
@@ -47,7 +47,7 @@ class LearntMask:
     mask: Mask
     topic: str
     odometry: str
-    looks: int
+    turns: int
     taken: int
     refused: int
 
@@ -67,7 +67,7 @@ def learn_mask(
     parameters : how its clouds are read; odometry is used where it has one topic of it
     topic : of the clouds; None: the only one
     reach : metres from the sensor to the farthest point of the vehicle
-    progress : is called with the looks so far, and 0
+    progress : is called with the turns so far, and 0
 
     """
     if not 0 < reach <= MAX_REACH_M:
@@ -76,11 +76,11 @@ def learn_mask(
     parameters = _with_odometry(recording, parameters)
     clouds = RecordedClouds(recording, parameters, topic, with_eyes=True)
     learner = MaskLearner(reach)
-    for points, place in _looks(clouds):
+    for points, place in _turns(clouds):
         learner.add(points, place)
-        progress(learner.looks, 0)
+        progress(learner.turns, 0)
     moved = parameters.motion.source == 'odometry'
-    if learner.looks and not clouds.read.pipeline.has_rings:
+    if learner.turns and not clouds.read.pipeline.has_rings:
         must_be = 'the rings of the sensor, by a field or by rows'
         raise RecordingError(
             f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
@@ -88,13 +88,13 @@ def learn_mask(
     if learner.taken < MIN_TURNS:
         how = f'{STEP:g} m on by its odometry' if moved else f'{CHANGED:.0%} of what is far changed'
         must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
-        got = f'{learner.taken} of {learner.looks}: the vehicle does not move'
+        got = f'{learner.taken} of {learner.turns}: the vehicle does not move'
         raise RecordingError(f'the recording {recording}', must_be, got)
     return LearntMask(
         learner.learn(),
         clouds.topic,
         parameters.motion.topic if moved else '',
-        learner.looks,
+        learner.turns,
         learner.taken,
         clouds.read.report().refused,
     )
@@ -110,7 +110,7 @@ def _with_odometry(recording: Path, parameters: FilterParameters) -> FilterParam
     return parameters.changed(values)
 
 
-def _looks(clouds: RecordedClouds) -> Iterator[tuple[Points, Floats | None]]:
+def _turns(clouds: RecordedClouds) -> Iterator[tuple[Points, Floats | None]]:
     """Join clouds to turns of the sensor; yield each with the position of its first point."""
     parts: list[Points] = []
     place, first = None, 0

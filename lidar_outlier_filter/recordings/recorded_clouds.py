@@ -39,7 +39,7 @@ class RecordedCloud:
     number : of the cloud in its topic, from 0
     eye : (M, 4, 3) float64 or None
         Where the sensor was at the time of each valid point, and what lay 1 m off on each of its
-        axes, if points were moved. Of the first point that was moved, if only the path is wanted.
+        axes, if points were moved. Of the first moved point, if only the path is requested.
 
     """
 
@@ -148,8 +148,8 @@ class _Nothing(Chain):
 def _choose(source: Recording, topic: str | None) -> Topic:
     """Find the topic of clouds that is named, or the only one that is not an output."""
     names = {channel.name: channel for channel in source.topics if channel.msgtype == CLOUD}
-    answers = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
-    inputs = [name for name in names if name not in answers]
+    outputs = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
+    inputs = [name for name in names if name not in outputs]
     if topic is None and len(inputs) == 1:
         return names[inputs[0]]
     if topic is None or topic not in names:

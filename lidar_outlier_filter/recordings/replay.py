@@ -74,10 +74,10 @@ def replay(  # noqa: PLR0913  what the command line offers
     output : folder to be made, an MCAP bag
     topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them
     parameters : of the filter, by flat name
-    drop_input : leave the clouds that are filtered out of the copy
+    drop_input : do not copy the input clouds
     salvage : filter the readable part of a damaged recording; losses are counted
     largest : bytes that a message, or a chunk of messages, may have
-    progress : is called after each message: how many of how many have been read
+    progress : called after each message with the number of messages read, and of all
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
 
     Raises
@@ -86,7 +86,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         If the recording cannot be read or has no such topic, all of its clouds were refused, or the
         output cannot be written.
     ParameterError
-        If a parameter makes no sense.
+        If a parameter is invalid.
 
     """
     given = FilterParameters().changed(parameters or {})
@@ -112,7 +112,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
         elapsed = perf_counter() - started
         reports = tuple(stream.report() for stream in streams.values())
-        _check_answered(source, reports)
+        _check_outputs(source, reports)
         unread = max(0, source.message_count - done)
         return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread, lost)
 
@@ -162,7 +162,7 @@ def choose_clouds(source: Recording, requested: Collection[str], what: str) -> l
     return [clouds[name] for name in names]
 
 
-def _check_answered(source: Recording, reports: Sequence[TopicReport]) -> None:
+def _check_outputs(source: Recording, reports: Sequence[TopicReport]) -> None:
     """Refuse to write a copy if every cloud was refused: it would have no output clouds."""
     clouds = sum(report.messages for report in reports)
     if clouds and clouds == sum(report.refused for report in reports):

@@ -36,7 +36,7 @@ SHARED_BLOCKS = 4  # chains judge a block one after the other, or a few blocks
 
 @cache
 def features() -> dict[tuple[str, str], str]:
-    """Return a few words for each feature, by way of judging and name."""
+    """Return a few words for each feature, by method and name."""
     return {
         (method, name): text
         for one in explanations().values()
@@ -106,7 +106,7 @@ class ExplainingChain(Chain):
     def why(self, cloud: StreamCloud) -> tuple[Ints, Singles]:
         """Return for each point of a finished cloud the features that add most, and what they add.
 
-        Features (N, STRONGEST) are numbers in :func:`features`, from 1; 0 is none. A point is
+        Features (N, STRONGEST) are numbers in :func:`features`, from 1; 0: no feature. A point is
         judged several times, also as halo: the explanation with its final score counts.
         """
         score = cloud.verdict.score

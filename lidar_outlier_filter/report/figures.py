@@ -72,10 +72,10 @@ def _plan_of(axis: int) -> Callable[[Axes, Gathered], None]:
         xyz, rejected = points['xyz'] / np.array(found.units), points['rejected']
         kept = xyz[~rejected]
         kept = kept[:: max(1, len(kept) // MAX_DRAWN)]
-        look: Any = {'linewidths': 0, 'rasterized': True}  # as vectors they would be megabytes
-        axes.scatter(kept[:, 0], kept[:, axis], s=0.3, color=GROUND, **look)
+        style: Any = {'linewidths': 0, 'rasterized': True}  # as vectors they would be megabytes
+        axes.scatter(kept[:, 0], kept[:, axis], s=0.3, color=GROUND, **style)
         u, v = xyz[rejected][:, [0, axis]].T
-        axes.scatter(u, v, s=3, color=REJECTED, label='rejected', **look)
+        axes.scatter(u, v, s=3, color=REJECTED, label='rejected', **style)
         axes.set_aspect('equal', adjustable='box')
         dress(axes, f'x, {found.unit}', f'{"xyz"[axis]}, {found.unit}')
         if len(kept):

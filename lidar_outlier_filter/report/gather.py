@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""All that a report shows: points with scores, verdicts at every step, reasons, truth, counts."""
+"""The content of a report: points with scores, verdicts at every step, reasons, truth, counts."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Gathered:
-    """What a report is made from.
+    """Data of a report.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Gathered:
     counts : of the points that each step of each slider rejects
     points : those that can be drawn, frame by frame; ``RECORDED``, and columns of the source
     frames : how the points are cut
-    how : the ways in which detectors judged
+    how : the methods of the detectors
     has_frames : whether clouds follow each other in time
 
     """

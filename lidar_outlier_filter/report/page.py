@@ -82,7 +82,7 @@ def header(gathered: Gathered) -> dict[str, Any]:
         'untested': tally.untested,
         'drawn': len(points),
         'refusals': found.refusals,
-        'unmoved': found.without_pose,
+        'without_pose': found.without_pose,
         'moved': found.moved,
         'path': _path(found),
         'units': list(found.units),

@@ -117,7 +117,7 @@ class PageServer:
         hosts = (f'{HERE}:{self.port}', f'localhost:{self.port}')
         return host in hosts and secrets.compare_digest(token.encode(), self.token.encode())
 
-    def answer(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes]:
+    def respond(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes]:
         """Give the type and the content of a path; refuse what makes no sense."""
         if path == '/':
             return HTML, self._page
@@ -217,13 +217,13 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a browser that left before its answer was there."""
+        """Say nothing of a browser that left before its response was there."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one connection."""
+    """Serves one connection."""
 
     server: _Server
     protocol_version = 'HTTP/1.1'
@@ -232,7 +232,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page, its frames or its status."""
         try:
-            kind, content = self.server.page.answer(*self._asked())
+            kind, content = self.server.page.respond(*self._asked())
             self._send(HTTPStatus.OK, kind, content)
         except _RequestError as err:
             self._refuse(err)
@@ -244,7 +244,7 @@ class _Handler(BaseHTTPRequestHandler):
         except _RequestError as err:
             self._refuse(err)
             with suppress(_RequestError):
-                self._content()  # unread content would reset the connection before the answer
+                self._content()  # unread content would reset the connection before the response
             return
         try:
             content = self._content()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What waits to be filtered, and what becomes of it when it is too much. Knows no ROS."""
+"""The queue of clouds to be filtered, and its policy under overload. Knows no ROS."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Inbox:
     def close(self, last: Iterable[Received] = (), *, discard: bool = False) -> None:
         """Let ``take`` return what is left and the ``last`` clouds, however much; then be done.
 
-        All under one lock: between the clouds and the end the other thread does not look.
+        All under one lock: the other thread does not poll between the clouds and the end.
         """
         with self._changed:
             for item in last:
@@ -133,7 +133,7 @@ class Inbox:
             if self._commands:
                 return self._commands.popleft()
             if not self._items:
-                # Only now: who was woken looks around when it is given nothing to do.
+                # Only now: a woken thread polls when it is given nothing to do.
                 self._woken = False
                 return None
             item = self._items.popleft()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way of one topic through a node: receiver, worker, publisher."""
+"""One topic in a node: receiver, worker, publisher."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ MEGABYTE = 1e6
 
 
 class Channel:
-    """The way of one topic: its clouds come in, cleaned and outlier clouds go out.
+    """One input topic and its two outputs.
 
-    Made, it has its publishers. ``start`` subscribes: clouds are received in the executor's thread,
-    and filtered and published, in order, in a thread of their own.
+    The constructor makes its publishers. ``start`` subscribes: clouds are received in the
+    executor's thread, and filtered and published, in order, in a thread of their own.
     """
 
     def __init__(self, node: Node, topic: str, parameters: FilterParameters) -> None:
@@ -70,7 +70,7 @@ class Channel:
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
         self._watch = SensorWatch()
-        self._filter.show.append(self._look_at)
+        self._filter.show.append(self._observe)
         self._clock = DelayClock(node)
         self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
@@ -83,7 +83,7 @@ class Channel:
 
     @property
     def waiting(self) -> int:
-        """Count the clouds that were taken and have no answer yet."""
+        """Count the clouds that were received and have no output yet."""
         return self._filter.pending + self.worker.inbox.clouds
 
     def start(self, compiler: Compiler) -> None:
@@ -99,12 +99,12 @@ class Channel:
         self._parameters = parameters
         self.worker.change(parameters)
 
-    def show(self, look: Show) -> None:
+    def show(self, show_cloud: Show) -> None:
         """Hand each cloud that is judged from now on to a function, in the filter's thread."""
-        self._filter.show.append(partial(look, self.resolved))
+        self._filter.show.append(partial(show_cloud, self.resolved))
 
     def sample(self, seconds: float) -> Report:
-        """Report what became of the clouds in the seconds since the last look."""
+        """Report on the clouds of the seconds since the last sample."""
         self.worker.raise_failure()
         if self._clock.has_stopped and self._filter.pending:
             # The recording has ended: there is no time any more that could pass.
@@ -125,13 +125,13 @@ class Channel:
         self.worker.inbox.close(self.receiver.end())
 
     def finish(self) -> None:
-        """Answer and publish all that was received, before the node goes."""
+        """Filter and publish all received clouds before the node ends."""
         self.close()
         self.worker.finish()
         self._warn_of_losses(math.inf)
 
     def stop(self) -> None:
-        """Let go of all that was received: there is nobody to send the answers to."""
+        """Drop all received clouds: nobody is there to send the outputs to."""
         self.worker.inbox.close(discard=True)
         self.worker.join()
 
@@ -140,7 +140,7 @@ class Channel:
         self.stop()
         self.publisher.destroy()
 
-    def _look_at(self, cloud: StreamCloud, _msg: PointCloud2) -> None:
+    def _observe(self, cloud: StreamCloud, _msg: PointCloud2) -> None:
         self._watch.add(cloud, has_rings=self._filter.has_rings)
 
     def _remarks(self) -> list[str]:

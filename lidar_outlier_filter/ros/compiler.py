@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Compiler:
-    """Makes the kernels of parameters ready; those that are wanted last win.
+    """Makes the kernels of parameters ready; the last request wins.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Compiler:
             return ''
         return (
             f'{", ".join(requested.chain)} takes over when its kernels are ready; '
-            f'{", ".join(now.chain)} answers until then'
+            f'{", ".join(now.chain)} filters until then'
         )
 
     def request(self, parameters: FilterParameters) -> None:
@@ -129,7 +129,7 @@ class Compiler:
     def _compile(self, requested: FilterParameters, processes: Processes) -> None:
         until = 'clouds pass unfiltered until then'
         if self._now is not None:
-            until = f'until then {", ".join(self._now.chain)} answers'
+            until = f'until then {", ".join(self._now.chain)} filters'
         sentence = f'compiling {", ".join(requested.chain)}; {until}'
         begin = monotonic()
 

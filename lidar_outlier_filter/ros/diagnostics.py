@@ -38,15 +38,15 @@ class Diagnostics:
         self._seen = node.create_publisher(Float64MultiArray, '~/visibility', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = self._steady.now().nanoseconds
-        self._timer = node.create_timer(PERIOD, self._look, clock=self._steady)
+        self._timer = node.create_timer(PERIOD, self._sample, clock=self._steady)
 
     def end(self) -> None:
-        """Look no more."""
+        """Stop sampling."""
         self._node.destroy_timer(self._timer)
         for publisher in (self._status, self._plotted, self._seen):
             self._node.destroy_publisher(publisher)
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         now = self._steady.now().nanoseconds
         seconds = max(now - self._last, 1) / SECOND
         self._last = now

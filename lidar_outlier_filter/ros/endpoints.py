@@ -58,14 +58,14 @@ class SplitCloudPublisher:
         cleaned, outliers = self.cleaned, self.outliers
         return bool(cleaned.get_subscription_count()), bool(outliers.get_subscription_count())
 
-    def publish(self, answer: SplitCloud) -> bool:
+    def publish(self, split: SplitCloud) -> bool:
         """Publish both clouds; return False where ROS is shut down."""
         if not self._context.ok():
             return False
-        if answer.cleaned is not None:
-            self.cleaned.publish(answer.cleaned)
-        if answer.outliers is not None:
-            self.outliers.publish(answer.outliers)
+        if split.cleaned is not None:
+            self.cleaned.publish(split.cleaned)
+        if split.outliers is not None:
+            self.outliers.publish(split.outliers)
         return True
 
     def wait(self) -> None:

@@ -83,7 +83,7 @@ def split_namespaces(text: str, topics: Iterable[str]) -> list[str]:
 
 
 def split_files(text: str, count: int) -> list[str]:
-    """Return the parameter file of each of ``count`` namespaces; '' where there is none.
+    """Return the parameter file of each of ``count`` namespaces; '' without a file.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of the clouds of one topic, whether that is well, and the warning of losses.
+"""Counts of the clouds of one topic, their warnings, and the warning of losses.
 
 Knows no ROS.
 """
@@ -41,7 +41,7 @@ BY_POLICY = {DROPPED, UNFILTERED, DEGRADED}  # load.policy decides these
 
 @dataclass
 class _Tally:
-    """What has happened since the last look."""
+    """Events since the last sample."""
 
     clouds: int = 0
     points: int = 0
@@ -53,7 +53,7 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Backlog:
-    """Clouds to be filtered, their megabytes, those without an answer; who publishes; the age."""
+    """Clouds to be filtered, their megabytes, those without output; who publishes; the age."""
 
     clouds: int
     megabytes: float
@@ -63,7 +63,7 @@ class Backlog:
 
 
 class Health:
-    """Notes what happens to clouds, from any thread; reports it at each look."""
+    """Notes what happens to clouds, from any thread; reports them at each sample."""
 
     def __init__(self, middleware: str = 'rmw_fastrtps_cpp') -> None:
         """Begin with nothing; the advice against losses is for this middleware."""
@@ -75,8 +75,8 @@ class Health:
         )
         self._lock = threading.Lock()
         self._tally = _Tally()
-        self._silent = 0.0  # seconds, at the last look
-        self._unanswered = 0.0  # seconds in which clouds were dropped, and none was answered
+        self._silent = 0.0  # seconds, at the last sample
+        self._unpublished = 0.0  # seconds in which clouds were dropped, and none was published
         self._missed: Counter[str] = Counter()  # clouds since the start, lost and dropped
         self._missed_before: Counter[str] = Counter()
         self._counts = self._before = Statistics()
@@ -94,12 +94,12 @@ class Health:
             self._tally.points += points
 
     def missed(self, what: str, count: int = 1) -> None:
-        """Note clouds that get no answer: ``LOST`` by the middleware, or ``DROPPED``."""
+        """Note clouds that get no output: ``LOST`` by the middleware, or ``DROPPED``."""
         with self._lock:
             self._missed[what] += count
 
-    def answered(self, delay: float, age: float) -> None:
-        """Note an answer: seconds since the cloud was received, and since its stamp."""
+    def published(self, delay: float, age: float) -> None:
+        """Note an output: seconds since the cloud was received, and since its stamp."""
         with self._lock:
             self._tally.delays.append(delay)
             self._tally.ages.append(age)
@@ -158,7 +158,7 @@ class Health:
         remarks: Sequence[str] = (),
         view: SensorView | None = None,
     ) -> Report:
-        """Return what has happened in the seconds since the last look.
+        """Summarise the seconds since the last sample.
 
         ``remarks`` are warnings of others, ``view`` is what the sensor saw.
         """
@@ -169,30 +169,30 @@ class Health:
             self._before, self._missed_before = counts, self._missed.copy()
         self._silent = 0.0 if tally.clouds else self._silent + seconds
         if tally.delays:
-            self._unanswered = 0.0
+            self._unpublished = 0.0
         elif since[DROPPED]:
-            self._unanswered += seconds
-        waits = max(backlog.oldest, self._unanswered)
-        look = _Sample(
+            self._unpublished += seconds
+        waits = max(backlog.oldest, self._unpublished)
+        state = _Sample(
             tally, since, counts, before, seconds, backlog, self._silent, waits, self._advice
         )
-        complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
+        complaints = [*state.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
         if view is not None:
             complaints += [(WARN, text) for text in view.complaints(limits)]
         return Report(
             max((level for level, _ in complaints), default=OK),
             '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
-            look.values()
+            state.values()
             | {'lost': str(self._missed[LOST]), 'dropped': str(self._missed[DROPPED])}
             | ({} if view is None else view.values()),
-            look.plotted(),
+            state.plotted(),
             view,
         )
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a look has found: a level, one sentence, values to read and values to plot."""
+    """A sample: a level, one sentence, values to read and values to plot."""
 
     level: int
     message: str
@@ -203,7 +203,7 @@ class Report:
 
 @dataclass(frozen=True)
 class _Sample:
-    """What is known at a look."""
+    """The state at a sample."""
 
     tally: _Tally
     missed: Counter[str]
@@ -212,21 +212,21 @@ class _Sample:
     seconds: float
     backlog: Backlog
     silent: float
-    waits: float  # seconds that the longest wait for an answer takes already
+    waits: float  # seconds that the longest wait for output has taken so far
     advice: str  # where clouds are lost on the way
 
     def since(self, name: str) -> int:
-        """Return by how much a count has grown since the last look."""
+        """Return by how much a count has grown since the last sample."""
         return int(getattr(self.now, name) - getattr(self.before, name))
 
     @property
     def unfiltered(self) -> int:
-        """Clouds that the filter let pass since the last look."""
+        """Clouds that the filter let pass since the last sample."""
         reasons = ('overload', 'failure', 'compiling')
         return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
-        """Return the share of the points answered since the last look; 0 of none."""
+        """Return the share of the points published since the last sample; 0 of none."""
         return self.since(name) / max(self.since('points'), 1)
 
     def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:
@@ -234,10 +234,10 @@ class _Sample:
         if failures := self.since('failures'):
             yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
         yield from ((WARN, str(slow)) for slow in self.tally.slow.values())
-        # Whatever the limits are: delays are those of clouds that have an answer.
+        # Whatever the limits are: only clouds with output have a delay.
         if self.waits > max_delay:
             level = ERROR if self.backlog.oldest > ERROR_LIMITS['delay'] * max_delay else WARN
-            yield level, f'no answer for {self.waits:.1f} s, max_delay {max_delay:g} s'
+            yield level, f'no output for {self.waits:.1f} s, max_delay {max_delay:g} s'
         delay = _percentiles(self.tally.delays)[1]
         unfiltered, said = self._unfiltered()
         silence = f'no cloud for {self.silent:.0f} s'
@@ -268,7 +268,7 @@ class _Sample:
         return min(missed.total() / max(received, 1), 1.0), said
 
     def values(self) -> dict[str, str]:
-        """Name all: rates and times since the last look, counts since the start."""
+        """Name all: rates and times since the last sample, counts since the start."""
         tally, now = self.tally, self.now
         found = {
             'clouds/s': f'{tally.clouds / self.seconds:.1f}',
@@ -299,7 +299,7 @@ class _Sample:
         return found
 
     def plotted(self) -> dict[str, float]:
-        """Name what is plotted: seconds, shares, and counts since the last look."""
+        """Name what is plotted: seconds, shares, and counts since the last sample."""
         tally, backlog = self.tally, self.backlog
         p50, p95, largest = _percentiles(tally.delays)
         return {
@@ -310,7 +310,7 @@ class _Sample:
             'refused': float(self.since('refused')),
             'lost': float(self.missed[LOST]),
             'dropped': float(self.missed[DROPPED]),
-            'passed': float(self.unfiltered),
+            'bypassed': float(self.unfiltered),
             'backlog_clouds': float(backlog.clouds),
             'backlog_megabytes': backlog.megabytes,
             'waiting_clouds': float(backlog.waiting),

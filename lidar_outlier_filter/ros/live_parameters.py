@@ -226,29 +226,29 @@ class NodeAccess:
 
         What the node has not begun in time is withdrawn: it does not come later.
         """
-        answer: Future[str] = Future()
+        reply: Future[str] = Future()
 
         def apply() -> None:
-            if not answer.set_running_or_notify_cancel():
+            if not reply.set_running_or_notify_cancel():
                 return
             given = [RosParameter(name, value=value) for name, value in values.items()]
             try:
                 result = self._node.set_parameters_atomically(given)
             except BaseException as err:
-                answer.set_exception(err)
+                reply.set_exception(err)
                 raise
-            answer.set_result('' if result.successful else result.reason)
+            reply.set_result('' if result.successful else result.reason)
 
         executor = self._node.executor
         if executor is None:
             return 'the node must run, got one that starts or ends'
         executor.create_task(apply)
         try:
-            return answer.result(NODE_TIMEOUT)
+            return reply.result(NODE_TIMEOUT)
         except TimeoutError:
-            if answer.cancel():
-                return f'the node must answer within {NODE_TIMEOUT:g} s, got nothing'
-            return answer.result()  # it has begun, and ends soon
+            if reply.cancel():
+                return f'the node must reply within {NODE_TIMEOUT:g} s, got nothing'
+            return reply.result()  # it has begun, and ends soon
 
 
 def _write_whole(path: Path, text: str) -> None:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.channel import Show
 
 POINTS = 'points'
-SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none
+SIGNAL_PERIOD = 0.1  # seconds between two polls for a signal: the middleware wakes for none
 
 
 def remappings(input_topic: str) -> list[tuple[str, str]]:
@@ -70,8 +70,8 @@ def _refuse_topic(what: str, name: str) -> None:
 class OutlierFilterNode(TunableNode):
     """Filters the clouds of one topic, or of several, each as a stream of its own.
 
-    Made, it has its parameters and its publishers. ``start`` subscribes, and makes its kernels
-    ready.
+    The constructor declares parameters and makes publishers. ``start`` subscribes, and makes the
+    kernels ready.
     """
 
     is_managed = False  # and has its channels when it is configured
@@ -124,11 +124,11 @@ class OutlierFilterNode(TunableNode):
                 channel.show(self._show)
         return channels
 
-    def show(self, look: Show) -> None:
+    def show(self, show_cloud: Show) -> None:
         """Hand each judged cloud to a function: of these channels, and of those made later."""
-        self._show = look
+        self._show = show_cloud
         for channel in self.channels:
-            channel.show(look)
+            channel.show(show_cloud)
 
     def start(self) -> None:
         """Offer the services, and filter."""
@@ -162,7 +162,7 @@ class OutlierFilterNode(TunableNode):
             self.get_logger().warning(f'{name} has no effect: no such topic or setting{hint}')
 
     def finish(self) -> None:
-        """Answer and publish all that was received, before the node goes.
+        """Filter and publish all received clouds before the node ends.
 
         Does nothing where ROS is shut down already: nobody would learn of it.
         """
@@ -234,7 +234,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     active         subscriptions and diagnostics, too
     =============  ================================================================
 
-    What was received while it was active is answered before it is inactive.
+    What was received while it was active is published before it is inactive.
     """
 
     is_managed = True
@@ -274,7 +274,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Answer all that was received; then receive and publish nothing."""
+        """Publish the outputs of all received clouds; then receive and publish nothing."""
         self._pause()
         return super().on_deactivate(state)
 
@@ -284,7 +284,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Answer all that was received, and let go of the publishers."""
+        """Publish the outputs of all received clouds, and remove the publishers."""
         self._pause()
         self._release()
         return super().on_shutdown(state)

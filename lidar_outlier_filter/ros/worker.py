@@ -33,7 +33,7 @@ SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
 
 
 class Worker:
-    """Takes clouds from its inbox, does with each what the load allows, and publishes in order.
+    """Takes clouds from its inbox, filters, passes or drops them by load, and publishes in order.
 
     Without a thread, before ``start``, commands are done at once.
     """
@@ -55,14 +55,14 @@ class Worker:
         self._health = health
         self._parameters = parameters
         self._overload = Overload()
-        self._due: int | None = None  # when the cloud that waits longest must be answered, ns
+        self._due: int | None = None  # when the cloud that waits longest must be published, ns
         self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
         self.ready = threading.Event()  # the kernels are
         self.ready.set()
         self._taken: Received | None = None  # the cloud that is filtered
-        self._waits: Received | None = None  # the cloud that has waited longest for its answer
+        self._waits: Received | None = None  # the cloud that has waited longest for its output
 
     # For all threads --------------------------------------------------------------------------
 
@@ -116,7 +116,7 @@ class Worker:
 
         def apply() -> None:
             if self.enabled and not on:
-                # What would complete their blocks is not looked at any more.
+                # Clouds that would complete their blocks are not read any more.
                 self._publish(self._filter.flush_pending())
             self.enabled = on
 
@@ -238,17 +238,17 @@ class Worker:
             self._publish(self._filter.reset())
             self._set_back_at = self.clock.steady_now()
 
-    def _publish(self, answers: Iterable[SplitCloud]) -> None:
-        for answer in answers:
-            if not self._publisher.publish(answer):
+    def _publish(self, results: Iterable[SplitCloud]) -> None:
+        for result in results:
+            if not self._publisher.publish(result):
                 return
-            if isinstance(answer.tag, Received):
-                self._note(answer.tag)
+            if isinstance(result.tag, Received):
+                self._note(result.tag)
 
     def _note(self, received: Received) -> None:
         stamp = received.msg.header.stamp
         age = self.clock.ros_now() - stamp.sec * SECOND - stamp.nanosec
-        self._health.answered((self.clock.now() - received.at) / SECOND, age / SECOND)
+        self._health.published((self.clock.now() - received.at) / SECOND, age / SECOND)
 
     # In any one thread ------------------------------------------------------------------------
 
@@ -261,9 +261,9 @@ class Worker:
         self._publisher.wait()
 
     def _process(self, msg: PointCloud2, tag: object, bypassed: str = '') -> list[SplitCloud]:
-        """Filter the next cloud; return the answers that are finished by it, the oldest first.
+        """Filter the next cloud; return the outputs that it completes, the oldest first.
 
-        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
+        An invalid cloud is counted and logged, at a bounded rate, and has no output.
         ``bypassed`` says why it is not to be filtered.
         """
         bypassed = bypassed or ('' if self.enabled else 'disabled')
@@ -279,7 +279,7 @@ class Worker:
 class DelayClock:
     """A steady clock; under ``use_sim_time`` that of ``/clock``.
 
-    A recording that is played slowly, or that pauses, hurries nobody then.
+    So a recording that is played slowly, or that pauses, forces no flush.
     """
 
     def __init__(self, node: Node) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outliers made from a user's own good points, as Pirotti et al. (2018) made theirs.
 
-Points picked at random leave their position; their time and scan line stay, as those of a shot that
-was measured wrongly. Class 1 are single points, class 2 clusters, which keep together.
+Points picked at random are moved; their time and scan line stay, as for a wrongly measured shot.
+Class 1 are single points, class 2 clusters, which stay together.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TRIES = 200  # until a position is given up to be found
 
 @dataclass(frozen=True)
 class Injection:
-    """How many outliers; what is not said here is as Pirotti et al. have it.
+    """Settings of injected outliers; everything else is as in Pirotti et al.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Injection:
 def inject(
     clouds: Sequence[Points], how: Injection, eyes: Sequence[Floats | None] = ()
 ) -> tuple[list[Points], Ints]:
-    """Move some points of clouds, all of them valid, to where no point is.
+    """Move some points of clouds, all of them valid, to empty space.
 
     ``eyes`` (N, 4, 3) says of clouds that were moved where the sensor was, and what lay 1 m off on
     each of its axes.

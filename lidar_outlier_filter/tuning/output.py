@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tuner hands over: tables, a parameter file, and lines for a node that is running."""
+"""Output of the tuner: tables, a parameter file, and commands for a running node."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search has found.
+    """Result of a search.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Tuned:
     before, after : (S, 4) int64
         Tallies by stretch: with the parameters at the start, and with those found.
     held_out : (S, 4) int64
-        The same with those found without the fold that the stretch is in: what to expect.
+        The same with the parameters found without the stretch's fold: the expectation.
     folds : what was found without each fold
     alone : outliers and good points that each detector of the chain, and no other, rejects
     default : (S, 4) int64 or None

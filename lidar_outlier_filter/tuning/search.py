@@ -54,7 +54,7 @@ def value_of(counts: Ints, most_lost: float) -> Floats:
 
 
 def levels(threshold: Threshold, statistic: Reals) -> NDArray[np.uint16]:
-    """Count for each point the values of a threshold that reject it: those before this number.
+    """Return for each point the number of threshold values that reject it: the first ones.
 
     Points are rejected by the value v where their level is larger than v; untested ones never.
     """

@@ -20,8 +20,7 @@ def add_demo(commands: Commands) -> None:
     parser = commands.add_parser(
         'demo',
         help='simulate a drive, filter it, and compare with the truth',
-        description='Leave simulated recordings, what the filter made of them, pictures, and a '
-        'page to look at.',
+        description='Simulate recordings, filter them, and write the outputs, pictures and a page.',
         epilog='examples:\n  lidar-outlier-filter demo --output demo\n  lidar-outlier-filter demo',
     )
     parser.add_argument(

@@ -42,11 +42,11 @@ def add_results(commands: Commands) -> None:
     """Add the command ``results``."""
     parser = commands.add_parser(
         'results',
-        help='compare all detectors with the papers and with peers, and write it up',
+        help='compare all detectors with the papers and with other programs, and write tables',
         description='Simulate all presets, judge them with every detector, some chains and the '
-        'peers that are installed, and put tables and pictures between markers into a page. What '
-        'else is on the page stays as it is. Takes half an hour on two cores, and the papers '
-        'another.',
+        'peers that are installed, and put tables and pictures between markers into a page, '
+        'whose other text is kept. It takes half an hour on two cores, and another for the '
+        'papers.',
         epilog='examples:\n  lidar-outlier-filter results --quick\n'
         '  lidar-outlier-filter results --sections papers',
     )
@@ -61,20 +61,20 @@ def add_results(commands: Commands) -> None:
         nargs='+',
         type=int,
         metavar='N',
-        help=f'from 0; default: {" ".join(map(str, SEEDS))}, which no default was chosen by',
+        help=f'from 0; default: {" ".join(map(str, SEEDS))}, not used to choose any default',
     )
     parser.add_argument(
         '--full',
         type=int,
         default=1,
         metavar='N',
-        help='so many of the seeds are judged by all detectors; the others by the default chain '
+        help='number of seeds judged by all detectors; the others by the default chain '
         'and the peers, on presets with a target; default: 1',
     )
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='small presets, one seed, few points; some minutes',
+        help='small presets, one seed, few points: a few minutes',
     )
     parser.add_argument(
         '--sections',

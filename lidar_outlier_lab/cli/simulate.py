@@ -43,8 +43,8 @@ def add_simulate(commands: Commands) -> None:
         'simulate',
         help='make a recording whose outliers are known',
         description='Write a bag of simulated clouds, or put weather into a recording of a sensor\n'
-        'that spins (--onto). The field "label" says outliers by their cause (0: none). Of a\n'
-        'preset, the field "surface" says what a good point lies on.\n\n'
+        'that spins (--onto). The field "label" has the cause of each outlier (0: good point). In\n'
+        'presets, the field "surface" has the surface of each good point.\n\n'
         f'presets:\n{_listed({name: preset.sentence for name, preset in PRESETS.items()})}\n\n'
         f'weathers:\n{_listed(WEATHER_NAMES)}',
         formatter_class=_raw(),
@@ -61,13 +61,13 @@ def add_simulate(commands: Commands) -> None:
         help='new folder; default: PRESET, here, or RECORDING_WEATHER, beside it',
     )
     parser.add_argument(
-        '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
+        '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'
     )
     parser.add_argument(
         '--share',
         type=float,
         metavar='S',
-        help="share of the points that are to be outliers, 0 to 1; default: the preset's own",
+        help='share of outliers among the points, 0 to 1; default: that of the preset',
     )
     _add_onto(parser)
     parser.set_defaults(run=_simulate)

@@ -43,10 +43,10 @@ def add_train(commands: Commands) -> None:
         help="train the default's trees on weather in clean recordings of spinning sensors",
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
-        'once; the figures printed are of the sensors left out. With --profile, train those for '
-        'profile scanners, on simulated streets alone. With --survey, train those for clouds '
-        'without scan lines. It takes about a quarter of an hour of processor time; with --profile '
-        'or --survey a few minutes. Needs the extra "lab".',
+        'once, and the figures printed are for the sensor left out. With --profile, train the '
+        'trees for profile scanners, on simulated streets alone. With --survey, train those for '
+        'clouds without scan lines. It takes about a quarter of an hour of processor time; with '
+        '--profile or --survey a few minutes. Needs the extra "lab".',
         epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
         '  lidar-outlier-filter train --survey --output trees.json',
     )
@@ -81,7 +81,7 @@ def add_train(commands: Commands) -> None:
         '--survey',
     )
     parser.add_argument(
-        '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
+        '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'
     )
     parser.set_defaults(run=_run)
 
@@ -183,7 +183,7 @@ def _scenes_table(held_out: Mapping[str, Any], what: str) -> Table:
 
 
 def _folder(options: argparse.Namespace) -> Path | None:
-    """Return the folder of real data; None: there is none."""
+    """Return the folder of real data; None: it does not exist."""
     given: Path | None = options.data
     return given or (None if options.onto else DATA)
 

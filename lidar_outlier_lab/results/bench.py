@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast the filter is, and how fast a peer on the same cloud in the same run.
 
-Tests compare the answers: those of kernels with plain loops, and those of peers with ours.
+Tests compare the results: those of kernels with plain loops, and those of peers with ours.
 """
 
 import os
@@ -119,10 +119,10 @@ def stream_work(
 
     def stream() -> None:
         cloud_filter = Pipeline(parameters)
-        answers = sum(len(cloud_filter.process(msg)) for msg in messages)
-        answers += len(cloud_filter.flush())
-        if answers != len(messages):
-            raise FilterError('the answers', f'{len(messages)}', answers)
+        outputs = sum(len(cloud_filter.process(msg)) for msg in messages)
+        outputs += len(cloud_filter.flush())
+        if outputs != len(messages):
+            raise FilterError('the results', f'{len(messages)}', outputs)
 
     points = sum(msg.width * msg.height for msg in messages)
     return Work(f'decode → {", ".join(chain)} → split', points, stream)

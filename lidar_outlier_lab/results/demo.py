@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, answers
+from lidar_outlier_filter.evaluation.judged import CAUSES, joined_clouds
 from lidar_outlier_filter.evaluation.labels import CloudLabels
 from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, percent
 from lidar_outlier_filter.messages.cloud import AXES
@@ -108,11 +108,11 @@ def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void
     points, rejected = [], []
     with Recording(recording) as source:
         topic = filtered_topic(source, None)
-        for answer in answers(split_clouds(source, topic), CloudLabels(topic)):
-            if number in {None, answer.number}:
-                xyz = np.stack([answer.points[axis] for axis in AXES], axis=1).astype(np.float64)
-                points.append(answer.points[is_return(xyz)])
-                rejected.append(np.full(len(points[-1]), answer.rejected))
+        for cloud in joined_clouds(split_clouds(source, topic), CloudLabels(topic)):
+            if number in {None, cloud.number}:
+                xyz = np.stack([cloud.points[axis] for axis in AXES], axis=1).astype(np.float64)
+                points.append(cloud.points[is_return(xyz)])
+                rejected.append(np.full(len(points[-1]), cloud.rejected))
     return np.concatenate(points), np.concatenate(rejected)
 
 
@@ -163,8 +163,8 @@ def _report(console: Console, drive: Drive, truth: Truth, results: dict[str, Eva
         f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {truth.points} points,',
         f'{truth.outliers} ({100 * truth.outliers / max(truth.points, 1):.2f} %) of them outliers.',
         '',
-        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), which looks',
-        f'along each line. default: by {", ".join(FilterParameters().chain)}.',
+        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), along',
+        f'each scan line. default: by {", ".join(FilterParameters().chain)}.',
         '',
     )
     console.print(summary(results))
@@ -192,7 +192,7 @@ def _print(console: Console, *lines: str) -> None:
 def _list(console: Console, output: Path) -> None:
     """Say what is left, and how to go on."""
     left = {
-        PAGE: 'the page to look at: open it in a browser',
+        PAGE: 'the page: open it in a browser',
         PICTURE: 'before and after',
         SNOW_PICTURE: 'before and after, in snow',
         DRIVE: 'the recording; its fields label and surface are the truth',
@@ -211,15 +211,15 @@ def _list(console: Console, output: Path) -> None:
 def summary(results: Mapping[str, Evaluation]) -> Table:
     """Lay out several runs on the same recording beside each other, one column each."""
     runs = list(results.values())
-    answer = Table('', title_justify='left', box=None, pad_edge=False, header_style='bold')
+    table = Table('', title_justify='left', box=None, pad_edge=False, header_style='bold')
     for name in results:
-        answer.add_column(name, justify='right')
+        table.add_column(name, justify='right')
     for name, figures in (
         ('precision', [run.whole.precision.ratio for run in runs]),
         ('recall', [run.whole.recall.ratio for run in runs]),
         ('F1', [run.whole.f1 for run in runs]),
     ):
-        answer.add_row(name, *map(percent, figures), style='bold')
+        table.add_row(name, *map(percent, figures), style='bold')
     for name, wholes, parts in (
         ('outliers found', [run.whole.recall for run in runs], [run.causes for run in runs]),
         (
@@ -228,11 +228,11 @@ def summary(results: Mapping[str, Evaluation]) -> Table:
             [run.surfaces for run in runs],
         ),
     ):
-        answer.add_row(name, *map(_of, wholes))
+        table.add_row(name, *map(_of, wholes))
         for part in dict.fromkeys(part for one in parts for part in one):
             cells = (_of(one.get(part, Share(0, 0))) for one in parts)
-            answer.add_row(f'  {part}', *cells, style='dim')
-    return answer
+            table.add_row(f'  {part}', *cells, style='dim')
+    return table
 
 
 def _of(share: Share) -> str:

@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 from lidar_outlier_filter.evaluation.truth import Cause
 
 Panel = Callable[[Axes, 'Shown'], str]
-View = tuple[tuple[float, ...], tuple[float, ...]]  # the eye's place, and what it looks at
+View = tuple[tuple[float, ...], tuple[float, ...]]  # the eye's position, and its target
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small
@@ -72,7 +72,7 @@ def _draw(  # noqa: PLR0913  what makes a picture
     points : (N,) structured, with x, y, z (metres), intensity and label
     rejected : (N,) bool
     title : at the top
-    view : where the eye is in perspective, and what it looks at
+    view : the eye's position in perspective, and its target
     beside : draws the panel beside, and returns the label of its x axis
     path : of the file
 

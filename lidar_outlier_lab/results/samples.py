@@ -52,7 +52,7 @@ class Sample:
     surface: NDArray[np.uint8] | None = None
 
     def suits(self, chain: Sequence[str]) -> bool:
-        """Return whether all detectors of a chain can look at it."""
+        """Return whether all detectors of a chain can test it."""
         return self.timed or not along_lines(chain)
 
     @property

@@ -130,7 +130,7 @@ def put_weather(
 ) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Let the beams of a cloud go through a weather; optics are drawn.
 
-    Reflectances are those that the intensities show, or drawn where there are none. ``returns``
+    Reflectances are those that the intensities show, or drawn without intensities. ``returns``
     says which echo of a beam is measured: strongest, first, last, or dual for two. ``find`` gives
     all beams of a cloud, those without a return too.
 

@@ -136,7 +136,7 @@ def train(
     """
     if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
         raise FilterError('the training sweeps', 'ones with outliers', 'none')
-    seen = [one for number, sweep in enumerate(sweeps) for one in _look(sweep, number, recipe)]
+    seen = [one for number, sweep in enumerate(sweeps) for one in _observe(sweep, number, recipe)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
     threshold_bright, held_out = _held_out(seen[::2], results[::2], recipe)
@@ -206,7 +206,7 @@ def _held_out(
     return threshold, figures(held, threshold)
 
 
-def _look(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
+def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
     """Look at a sweep with its intensities, and without; by turns, either trains."""
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:

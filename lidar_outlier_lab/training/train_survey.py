@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     add_up,
 )
 from lidar_outlier_filter.core.neighbours.duplicates import K
-from lidar_outlier_filter.core.neighbours.floor import Floor, look_around
+from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene, training_scene
@@ -97,7 +97,7 @@ class SceneSeen:
 def see(scene: SurveyScene) -> SceneSeen:
     """Find the neighbours of a scene's points."""
     hood = Neighbourhood(scene.xyz, K)
-    around = look_around(scene.xyz, np.arange(len(scene.xyz)))
+    around = measure_floor(scene.xyz, np.arange(len(scene.xyz)))
     return SceneSeen(scene.name, hood, around, scene.cause[hood.order].astype(np.int64))
 
 

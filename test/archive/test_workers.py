@@ -48,7 +48,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def clouds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write clouds, and a file that is none."""
+    """Write clouds, and an invalid file."""
     folder = write_clouds(tmp_path_factory.mktemp('clouds') / 'in', 12)
     (folder / 'wrong.las').write_bytes(b'LASF')
     return folder
@@ -210,7 +210,7 @@ def test_a_cluster_that_runs(
         with signalling(signal.SIGKILL, scheduler.pid, 2, words) as one:
             status, said = one.wait(), '\n'.join(one.output)
     assert status == 1
-    assert f'the scheduler {address} must be there until the end, got no answer any more' in said
+    assert f'the scheduler {address} must be there until the end, got no response' in said
     assert 'Traceback' not in said
     before = len(records(tmp_path / 'out'))
     assert before >= 2
@@ -229,7 +229,7 @@ def test_a_cluster_of_a_file(
 
 
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An address where nobody answers is refused."""
+    """An address where nothing responds is refused."""
     monkeypatch.setattr(module, 'MAX_WAIT_S', 0.5)
     with pytest.raises(SchedulerError, match='--scheduler must be that of a Dask scheduler'):
         cluster_workers('tcp://127.0.0.1:9').__enter__()

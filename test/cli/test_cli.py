@@ -193,7 +193,7 @@ def test_refused_in_one_sentence(
 
 
 def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Capture) -> None:
-    """Where an answer is missing, the output is written, and the exit status says not."""
+    """Where an output is missing, the output is written, and the exit status says not."""
     source = tmp_path / 'damaged'
     with Recording(drive) as recording, NewBag(source) as bag:
         (topic,) = recording.topics
@@ -203,7 +203,7 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
     assert main(['replay', str(source)]) == 3
     printed = capsys.readouterr()
     clouds = '1 of 4 clouds of /velodyne_points'
-    refused = f'{clouds} were refused and have no answer, for: the CDR bytes must be a whole cloud'
+    refused = f'{clouds} were refused and have no output, for: the CDR bytes must be a whole cloud'
     assert f'\n{refused}, got ' in printed.err
     assert printed.err.endswith(' (1)\n')
     assert rows(printed.out)['refused'] == ['1']
@@ -352,12 +352,12 @@ def test_completion(line: str, expected: set[str], tmp_path: Path) -> None:
     words = f'lidar-outlier-filter {line}'
     asked = {
         '_ARGCOMPLETE': '1',
-        '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'answers'),
+        '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'completions'),
         'COMP_LINE': words,
         'COMP_POINT': str(len(words)),
         'COMP_TYPE': '9',
     }
     command = [sys.executable, '-m', 'lidar_outlier_filter.cli.main']
     subprocess.run(command, env={**os.environ, **asked}, check=True, cwd=tmp_path)
-    found = (tmp_path / 'answers').read_text('utf-8').split('\v')
+    found = (tmp_path / 'completions').read_text('utf-8').split('\v')
     assert {one.strip() for one in found} == expected

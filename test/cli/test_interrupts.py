@@ -21,10 +21,10 @@ def interrupt(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 """
 IMPORTS = """
-wanted = sys.argv.pop()
+requested = sys.argv.pop()
 class Finder:
     def find_spec(self, name, path, target=None):
-        if name == wanted:
+        if name == requested:
             interrupt()
 sys.meta_path.insert(0, Finder())
 {wrapped}

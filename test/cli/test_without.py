@@ -191,7 +191,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_without_ros_and_the_lab(folder: Path) -> None:
-    """Recordings, files and arrays are cleaned, looked at and judged."""
+    """Recordings, files and arrays are cleaned, inspected and judged."""
     commands = [
         ['replay', 'drive', '--output', 'replayed', *FAST],
         ['info', 'drive'],

@@ -104,7 +104,7 @@ def test_equal_to_scikit_learn(kind: str, seed: int) -> None:
     )
 
 
-def test_thinned_curve_looks_the_same() -> None:
+def test_thinned_curve_is_drawn_alike() -> None:
     """A thinned curve keeps both ends and lies on the whole one, nowhere far from it."""
     rng = np.random.default_rng(3)
     bad = rng.random(100_000) < 0.01

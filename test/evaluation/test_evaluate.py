@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.labelled import REJECTED, SCORED, TRUTH, answers, rows, write
+from helpers.labelled import REJECTED, SCORED, TRUTH, results, rows, write
 from sklearn import metrics
 
 from lidar_outlier_filter.cli.evaluate import label_files, read_recording
@@ -20,9 +20,9 @@ FILES = {'evaluation.json', 'roc.png', 'roc.svg', 'precision_recall.png', 'preci
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """Record answers with scores: four clouds of eight points."""
+    """Record outputs with scores: four clouds of eight points."""
     clouds = [rows(SCORED)] * 4
-    return write(tmp_path / 'bag', {'/lidar': clouds, **answers(clouds, [REJECTED] * 4)})
+    return write(tmp_path / 'bag', {'/lidar': clouds, **results(clouds, [REJECTED] * 4)})
 
 
 def printed(capsys: Capture) -> list[str]:

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Truth and verdict from recordings whose answers are known, with the truth inside or beside."""
+"""Truth and verdict from recordings whose outputs are known, with the truth inside or beside."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.labelled import BAD, POINT, REJECTED, SCORED, TRUTH, answers, rows, write
+from helpers.labelled import BAD, POINT, REJECTED, SCORED, TRUTH, results, rows, write
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.cli.evaluate import read_recording
@@ -33,7 +33,7 @@ def by_index(points: Judged) -> Judged:
 def test_a_recording_is_read_as_its_clouds_say(tmp_path: Path, beside: str) -> None:
     """Every point once, with truth, verdict, scores and cloud; other messages do not count."""
     clouds = [rows(SCORED), EMPTY, rows(SCORED)]
-    topics = answers(clouds, [REJECTED, NONE, ~REJECTED])
+    topics = results(clouds, [REJECTED, NONE, ~REJECTED])
     bag = write(tmp_path / 'bag', {'/lidar': clouds, **topics}, beside=beside)
     for topic in (None, '/lidar'):
         points = by_index(read_recording(bag, topic))
@@ -68,14 +68,14 @@ def test_missing_returns_and_holes_are_no_points(tmp_path: Path, *, keep_organiz
 
 def test_codes_and_fields(tmp_path: Path) -> None:
     """Codes select outliers and points that count; any field of whole numbers can be the truth."""
-    bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]))
+    bag = write(tmp_path / 'bag', results([rows()], [REJECTED]))
     points = by_index(read_recording(bag, codes=Codes(frozenset({2}), frozenset({5}))))
     np.testing.assert_array_equal(points.code, [0, 2, 0, 2, 0, 0, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 0, 0, 0])
     points = by_index(read_recording(bag, label='surface'))
     np.testing.assert_array_equal(points.code, TRUTH[:, 1])
     assert (
-        read_recording(write(tmp_path / 'b', answers([rows()], [REJECTED]), 'surface')).surface
+        read_recording(write(tmp_path / 'b', results([rows()], [REJECTED]), 'surface')).surface
         is None
     )
 
@@ -92,9 +92,9 @@ def test_stretches_follow_the_clouds() -> None:
 
 
 def test_refusals(tmp_path: Path) -> None:
-    """No answers, several, empty ones, unknown topics or fields, and fields that differ."""
-    one = answers([rows()], [REJECTED])
-    mixed = answers([rows(), rows(SCORED)], [REJECTED, REJECTED])
+    """No outputs, several, empty ones, unknown topics or fields, and fields that differ."""
+    one = results([rows()], [REJECTED])
+    mixed = results([rows(), rows(SCORED)], [REJECTED, REJECTED])
     cases: list[tuple[dict[str, Any], str | None, str, str]] = [
         ({'/lidar': [rows()]}, None, '', r'\(none\), got None'),
         ({**one, '/b/cleaned': [], '/b/outliers': []}, None, '', r'\(/b, /lidar\), got None'),
@@ -135,7 +135,7 @@ def test_label_files_beside_a_recording(tmp_path: Path) -> None:
     outputs = [np.roll(rows(SCORED), i) for i in range(3)]
     topics = {
         name: [to_message(i * 100_000_000, clouds[i]) for i in (0, 2)]
-        for name, clouds in answers(outputs, [np.roll(REJECTED, i) for i in range(3)]).items()
+        for name, clouds in results(outputs, [np.roll(REJECTED, i) for i in range(3)]).items()
     }
     bag = write(tmp_path / 'bag', {'/lidar': inputs, **topics})
     given = by_index(read_recording(bag, files=files(tmp_path, 3)))
@@ -163,7 +163,7 @@ def test_equal_points_are_told_apart_by_their_order(tmp_path: Path) -> None:
     cloud = rows()
     cloud[[2, 4]] = cloud[0]
     rejected = np.array([0, 0, 1, 0, 1, 0, 0, 0], np.bool_)
-    bag = write(tmp_path / 'bag', {'/lidar': [cloud], **answers([cloud], [rejected])})
+    bag = write(tmp_path / 'bag', {'/lidar': [cloud], **results([cloud], [rejected])})
     label = kitti(tmp_path / 'a.label', np.array([7, 0, 8, 0, 9, 0, 0, 0]))
     points = read_recording(bag, files=[label])
     np.testing.assert_array_equal(points.code[points.rejected], [8, 9])
@@ -175,10 +175,10 @@ def test_refused_label_files(tmp_path: Path) -> None:
     cloud = rows()
     labels = files(tmp_path, 3)
     short = kitti(tmp_path / 'short.label', np.zeros(7, np.int64))
-    one, two = answers([cloud], [REJECTED]), answers([cloud] * 2, [REJECTED] * 2)
+    one, two = results([cloud], [REJECTED]), results([cloud] * 2, [REJECTED] * 2)
     other = cloud.copy()
     other['z'] += 1
-    lost = answers([cloud[1:]], [REJECTED[1:]])
+    lost = results([cloud[1:]], [REJECTED[1:]])
     cases: list[tuple[dict[str, Any], list[Path], str]] = [
         ({'/lidar': [cloud] * 2, **two}, labels, 'one for each of the 2 clouds of /lidar, got 3'),
         ({'/lidar': [cloud] * 2, **two}, labels[:1], 'one for each cloud of /lidar, got 1'),
@@ -191,7 +191,7 @@ def test_refused_label_files(tmp_path: Path) -> None:
             r'the stamps of /lidar must be different, got \(0, 0\) t',
         ),
         (
-            {'/lidar': [cloud], **answers([other], [REJECTED])},
+            {'/lidar': [cloud], **results([other], [REJECTED])},
             labels[:1],
             'must be the points of cloud 0 of /lidar, got others',
         ),

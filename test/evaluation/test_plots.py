@@ -55,7 +55,7 @@ def test_many_curves_and_refusals(tmp_path: Path) -> None:
     """More curves than colours differ by their dashes; no curve, and no folder, are refused."""
     one, _ = made(1.0)
     plots.draw_precision_recall({f'curve {i}': one for i in range(9)}, tmp_path / 'a')
-    assert len({tuple(plots.look_of(i).values()) for i in range(9)}) == 9
+    assert len({tuple(plots.style_of(i).values()) for i in range(9)}) == 9
     with pytest.raises(FilterError, match='must be at least one curve, got none'):
         plots.draw_roc({}, tmp_path / 'a')
     with pytest.raises(FilterError, match='must be written, got No such file'):

@@ -239,7 +239,7 @@ def test_one_file_needs_no_archive(tmp_path: Path) -> None:
         ),
         ('{}/bun0.pcd --output {}/bun.ply', 'the output must be in the format of bun0.pcd'),
         ('{}/bun0.pcd --output {}/no/bun.pcd', 'the output {}/no/bun.pcd must be written'),
-        ('{}/bun0.pcd --rejected remove --outliers {}/o.pcd', 'what becomes of rejected points'),
+        ('{}/bun0.pcd --rejected remove --outliers {}/o.pcd', 'the treatment of rejected points'),
         ('{}/bun0.pcd --outliers {}/bun0_cleaned.pcd', 'the outputs must be different files'),
         ('{}/bun0.pcd {}/plane.laz --output {}/source.ply', '--output of several files must be'),
         ('{}/bun0.pcd {}/plane.laz --outliers {}/o.pcd', '--outliers must be given for one file'),

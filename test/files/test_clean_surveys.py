@@ -121,7 +121,7 @@ def test_known_noise_is_not_seen(tmp_path: Path) -> None:
 
 
 def test_the_picture(cloud: Path, capsys: Capture) -> None:
-    """It is a new PNG, also in a dry run; nothing is written over, and no other format."""
+    """It is a new PNG, also in a dry run; nothing is overwritten, and no other format."""
     picture = cloud.with_name('worst.png')
     arguments = ['clean', str(cloud), '--dry-run', '--picture']
     assert main([*arguments, str(picture)]) == 0

@@ -45,11 +45,13 @@ def test_scans_are_put_together(tmp_path: Path) -> None:
     assert list(open_cloud(path).columns) == names
     x, y, z, intensity, red, _, _, row, scan = columns(path)
     w, *axis = TURNED
-    places = [np.stack([part[f'cartesian{one}'] for one in 'XYZ'], 1) for part in (first, second)]
-    turned = Rotation.from_quat([*axis, w]).apply(places[1])
-    placed = np.concatenate((places[0] + np.array([0, 0, 1]), turned + np.array([10, 0, 1])))
-    missing = np.tile(first['cartesianInvalidState'] != 0, 2)
-    expected = np.where(missing[:, None], np.nan, placed)
+    positions = [
+        np.stack([part[f'cartesian{one}'] for one in 'XYZ'], 1) for part in (first, second)
+    ]
+    turned = Rotation.from_quat([*axis, w]).apply(positions[1])
+    placed = np.concatenate((positions[0] + np.array([0, 0, 1]), turned + np.array([10, 0, 1])))
+    no_return = np.tile(first['cartesianInvalidState'] != 0, 2)
+    expected = np.where(no_return[:, None], np.nan, placed)
     np.testing.assert_allclose(np.stack((x, y, z), 1), expected, rtol=0, atol=1e-12)
     assert intensity[:COUNT].tolist() == first['intensity'].tolist()
     assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2
@@ -114,7 +116,7 @@ def test_wrong_counts(tmp_path: Path, said: str, sentence: str) -> None:
 
 
 def test_what_makes_no_sense(tmp_path: Path) -> None:
-    """A quaternion of another length would stretch the cloud; places have three coordinates."""
+    """A quaternion of another length would stretch the cloud; positions have three coordinates."""
     path = write_e57(tmp_path / 'one.e57', [cartesian(1)], [(2.0, 0, 0, 0, 0, 0, 0)])
     with pytest.raises(CloudError, match=r'the pose of scan 1 of .* must be a unit quaternion'):
         open_cloud(path)

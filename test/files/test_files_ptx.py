@@ -11,7 +11,7 @@ from helpers.cloud_files import check_refused, columns, copied, every_third
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
-# The second scan stands at (100, 200, 3) and looks along y: its x is y, its y is -x.
+# The second scan stands at (100, 200, 3) and faces y: its x is y, its y is -x.
 POSES = (
     '0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n',
     '100 200 3\r\n0 1 0\r\n-1 0 0\r\n0 0 1\r\n0 1 0 0\r\n-1 0 0 0\r\n0 0 1 0\r\n100 200.0 3 1\r\n',

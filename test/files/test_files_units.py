@@ -69,7 +69,7 @@ NO_SYSTEM = 'the coordinate system of cloud.las must be one that PROJ knows'
         ([keys((3072, 0, 1, 1))], NO_SYSTEM),
         ([keys((3072, 0, 1, 4326))], LENGTHS),
         ([keys((1024, 0, 1, 2), (2048, 0, 1, 4326))], LENGTHS),
-        # WKT: units of the plane and of heights; those of angles and of parameters are none.
+        # WKT: units of the plane and of heights; units of angles and of parameters do not count.
         ([wkt('')], {}),
         ([wkt(FLAT)], dict.fromkeys('xyz', SURVEY)),
         ([wkt(PROJECTED)], {}),

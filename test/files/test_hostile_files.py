@@ -141,14 +141,14 @@ def test_what_laz_says(
     """Damaged LAZ is refused, even where the library ends its process."""
     path = las(tmp_path, 'cloud.laz', point_format)
     begin = number(path, 96, 4)
-    places = {
+    offsets = {
         'points': begin,
         'layers': begin + 8 + number(path, 105, 2) + 4,
         'table': number(path, begin, 8),
         'record': path.read_bytes().index(b'laszip encoded') - 2 + 54,
     }
     if part != 'layers' or point_format == 6:  # the older ones have no layers
-        refused(patch(path, places[part] + offset, data))
+        refused(patch(path, offsets[part] + offset, data))
 
 
 @pytest.mark.parametrize(

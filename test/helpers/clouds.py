@@ -140,9 +140,9 @@ def drive(seed: int, shots: int = 600, rings: int = 4, shot_ns: int = 200_000) -
     wrong = rng.uniform(size=t.shape) < 0.04
     rows['x'][wrong] += rng.choice([-3, -1, 0.1, 1, 3], np.count_nonzero(wrong))
     for share, point in ((0.01, (np.nan,) * 3), (0.01, (1, np.inf, 1)), (0.02, (0, 0, 0))):
-        missing = rng.uniform(size=t.shape) < share
+        no_return = rng.uniform(size=t.shape) < share
         for name, value in zip('xyz', point, strict=True):
-            rows[name][missing] = value
+            rows[name][no_return] = value
     times = np.ones(t.shape, np.int64)
     for ring in range(rings):
         for start in rng.integers(0, shots, shots // 50):

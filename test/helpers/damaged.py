@@ -231,7 +231,7 @@ def content(path: Path) -> Content:
 
 
 def salvage(recording: Path, output: Path) -> ReplayReport | None:
-    """Filter what can be read; the output is whole and indexed, or there is none but a sentence."""
+    """Filter what can be read; the output is whole and indexed, or a sentence says why not."""
     try:
         report = replay(recording, output, parameters=FAST, salvage=True)
     except RecordingError as err:
@@ -254,7 +254,7 @@ def check(recording: Path, output: Path, unbroken: Content) -> ReplayReport | No
     """Salvage a recording, and hold that nothing is lost quietly, and no verdict is another one.
 
     ``unbroken`` is what the replay of the undamaged recording has. Where every message that came
-    out is one of its messages, every answer equals its answer, of which the block, with its halo on
+    out is one of its messages, every output equals its output, of which the block, with its halo on
     both sides, has the points of no cloud that is lost. Without checksums, bytes of a message may
     be changed: then this cannot be said.
     """

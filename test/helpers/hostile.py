@@ -119,23 +119,23 @@ def broken_clouds(draw: st.DrawFn) -> Any:
 def judge(cloud: Any) -> bool:
     """Filter a cloud; every point comes out once, or the cloud is refused in one sentence.
 
-    Return whether it was answered.
+    Return whether it was processed.
     """
     begin = perf_counter()
     stream = CloudFilter(FilterParameters().changed(SETTINGS))
     try:
-        answers = [*stream.push(cloud), *stream.flush()]
+        results = [*stream.push(cloud), *stream.flush()]
     except CloudError as err:
         assert str(err).isprintable()  # noqa: PT017  either is right
         assert ' must be ' in str(err)  # noqa: PT017
         return False
     finally:
         assert perf_counter() - begin < SLOW
-    if not answers:
+    if not results:
         assert stream.statistics.refusals
         return False
-    (answer,) = answers
-    parts = [rows for one in (answer.cleaned, answer.outliers) for rows in points(one)]
+    (result,) = results
+    parts = [rows for one in (result.cleaned, result.outliers) for rows in points(one)]
     assert sorted(parts) == sorted(points(cloud))
     return True
 

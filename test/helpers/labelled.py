@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings for tests whose truth is known: small ones made by hand, and answers to them."""
+"""Recordings for tests whose truth is known: small ones made by hand, and outputs to them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,7 +50,7 @@ def rows(dtype: np.dtype[np.void] = POINT) -> Rows:
     return cloud
 
 
-def answers(
+def results(
     clouds: Sequence[Rows], rejected: Sequence[NDArray[np.bool_]], topic: str = '/lidar'
 ) -> dict[str, list[Rows]]:
     """Split clouds as verdicts say."""

@@ -106,7 +106,7 @@ def collector(
 
 
 def filtering(*arguments: str, env: Mapping[str, str]) -> Program:
-    """Start the node; it says 'filters' when its kernels are ready, and somebody has each answer.
+    """Start the node; it says 'filters' when kernels are ready and its outputs are received.
 
     Clouds that come before that may be dropped, or filtered for nobody.
 
@@ -252,8 +252,8 @@ def _diagnose() -> None:
 
 
 def _filter() -> int:
-    def look_at(node: OutlierFilterNode) -> None:
-        def look() -> None:
+    def watch(node: OutlierFilterNode) -> None:
+        def check() -> None:
             channels = node.channels
             if all(
                 channel.worker.ready.is_set() and all(channel.publisher.requested)
@@ -262,9 +262,9 @@ def _filter() -> int:
                 timer.cancel()
                 _say('filters')
 
-        timer = node.create_timer(0.05, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        timer = node.create_timer(0.05, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    return run(attach=look_at)
+    return run(attach=watch)
 
 
 if __name__ == '__main__':

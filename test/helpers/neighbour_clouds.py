@@ -36,7 +36,7 @@ def corner(rng: Rng) -> Floats:
 
 
 def grid(rng: Rng) -> Floats:
-    """Take places of a grid, some of them twice: most points have ties."""
+    """Take positions of a grid, some of them twice: most points have ties."""
     return rng.integers(0, 6, (COUNT, 3)).astype(np.float64)
 
 
@@ -46,7 +46,7 @@ def doubled(rng: Rng) -> Floats:
 
 
 def stacks(rng: Rng) -> Floats:
-    """Put many points on a few places among others, one place at zeros of both signs."""
+    """Put many points on a few positions among others, one place at zeros of both signs."""
     xyz = grid(rng)
     xyz[:70] = [0.0, 0.0, 0.0]
     xyz[20:30] = [-0.0, 0.0, -0.0]
@@ -62,8 +62,8 @@ def lone_stack(rng: Rng) -> Floats:
     return rng.permutation(xyz)
 
 
-def three_places(rng: Rng) -> Floats:
-    """Leave fewer places than neighbours are asked for."""
+def three_positions(rng: Rng) -> Floats:
+    """Leave fewer positions than neighbours are asked for."""
     xyz: Floats = rng.integers(0, 3, (COUNT, 1)) * np.array([1.0, 2.0, 4.0])
     return xyz
 
@@ -87,7 +87,7 @@ CLOUDS: tuple[Callable[[Rng], Floats], ...] = (
     doubled,
     stacks,
     lone_stack,
-    three_places,
+    three_positions,
     line,
     one_place,
 )

@@ -34,12 +34,12 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 
 def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[SplitCloud]:
-    """Filter a cloud in a node that is not started; return the answers that are finished by it."""
+    """Filter a cloud in a node that is not started; return the outputs that it completes."""
     return node.channels[0].worker._process(msg, tag)
 
 
 def flush(node: OutlierFilterNode) -> list[SplitCloud]:
-    """Answer all that is pending in a node that is not started."""
+    """Flush all that is pending in a node that is not started."""
     return node.channels[0]._filter.flush()
 
 
@@ -103,12 +103,12 @@ class Ros:
         return services
 
     def set(self, **values: object) -> list[str]:
-        """Set parameters one by one; return the reasons of refusal, '' where there was none."""
+        """Set parameters one by one; return the reasons of refusal, '' if it was accepted."""
         response = self.wait(self.parameters().set_parameters(_to_set(values)))
         return [str(result.reason) for result in response.results]
 
     def set_together(self, **values: object) -> str:
-        """Set parameters atomically; return the reason of refusal, '' where there was none."""
+        """Set parameters atomically; return the reason of refusal, '' if it was accepted."""
         response = self.wait(self.parameters().set_parameters_atomically(_to_set(values)))
         return str(response.result.reason)
 
@@ -119,7 +119,7 @@ class Ros:
         return self.wait(client.call_async(request))
 
     def wait_for_message(self, kind: Any, topic: str, requested: Callable[[Any], bool]) -> Any:
-        """Serve until a message comes that is wanted, and return it; those before it are gone."""
+        """Serve until a message fulfils the condition, and return it; earlier ones are dropped."""
         if topic not in self._received:
             received = self._received[topic] = deque()
             # rclpy does not take a method of C.
@@ -132,16 +132,16 @@ class Ros:
                 if requested(msg):
                     return msg
             self.executor.spin_once(0.05)
-        raise AssertionError(f'nothing on {topic} was as wanted')
+        raise AssertionError(f'nothing on {topic} fulfilled the condition')
 
     def diagnosis(self, requested: Callable[[Diagnosis], bool] = bool) -> Diagnosis:
-        """Serve until the diagnostics of the (first) filter are as wanted, and return them."""
+        """Serve until the diagnostics of the (first) filter fulfil a condition; return them."""
 
-        def is_wanted(msg: DiagnosticArray) -> bool:
+        def condition(msg: DiagnosticArray) -> bool:
             return requested(Diagnosis(msg.status[0]))
 
         return Diagnosis(
-            self.wait_for_message(DiagnosticArray, '/diagnostics', is_wanted).status[0]
+            self.wait_for_message(DiagnosticArray, '/diagnostics', condition).status[0]
         )
 
     def close(self) -> None:
@@ -158,7 +158,7 @@ def _to_set(changes: dict[str, object]) -> list[Parameter]:
 
 
 class Sensor:
-    """Publishes clouds for a filter and collects its answers."""
+    """Publishes clouds for a filter and collects its outputs."""
 
     def __init__(self, ros: Ros, topic: str) -> None:
         self._ros = ros
@@ -170,20 +170,20 @@ class Sensor:
         self._publisher = ros.client.create_publisher(
             PointCloud2, topic, KEEP_ALL, event_callbacks=matched
         )
-        self._answered = Future()
+        self._published = Future()
         self._subscriptions: list[Subscription] = []
-        for name, answers in (('cleaned', self.cleaned), ('outliers', self.outliers)):
+        for name, outputs in (('cleaned', self.cleaned), ('outliers', self.outliers)):
             self._subscriptions.append(
                 ros.client.create_subscription(
-                    PointCloud2, f'{topic}/{name}', self._collect(answers), KEEP_ALL
+                    PointCloud2, f'{topic}/{name}', self._collect(outputs), KEEP_ALL
                 )
             )
 
-    def _collect(self, answers: list[PointCloud2]) -> Any:
+    def _collect(self, outputs: list[PointCloud2]) -> Any:
         def collect(msg: PointCloud2) -> None:
-            answers.append(msg)
+            outputs.append(msg)
             if len(self.cleaned) == len(self.outliers) == self._expected:
-                self._answered.set_result(time.monotonic())
+                self._published.set_result(time.monotonic())
 
         return collect
 
@@ -210,14 +210,14 @@ class Sensor:
             self._ros.executor.spin_once(0.05)
 
     def publish(self, msg: PointCloud2 | bytes, expected: int) -> None:
-        """Publish a cloud, or bytes as one; with it, so many answers are expected in all."""
+        """Publish a cloud, or bytes as one; ``expected`` outputs are due in all."""
         self._expected = expected
-        self._answered = Future()
+        self._published = Future()
         self._publisher.publish(msg)
 
-    def wait_for_answers(self) -> float:
-        """Serve until the expected answers are there; return when (monotonic, seconds)."""
-        return float(self._ros.wait(self._answered))
+    def wait_for_outputs(self) -> float:
+        """Serve until the expected outputs are there; return when (monotonic, seconds)."""
+        return float(self._ros.wait(self._published))
 
 
 def receive(channel: Channel, msg: PointCloud2) -> None:
@@ -273,6 +273,6 @@ def broken() -> PointCloud2:
 NO_CLOUD = b'\xff' * 40  # as another program may publish it under the name of a cloud
 
 
-def rejected(answers: list[SplitCloud]) -> list[int]:
-    """Count the outliers of each answer."""
-    return [answer.outliers.width for answer in answers]
+def rejected(outputs: list[SplitCloud]) -> list[int]:
+    """Count the outliers of each output."""
+    return [output.outliers.width for output in outputs]

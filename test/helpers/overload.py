@@ -29,7 +29,7 @@ def send(ros: Ros, node: OutlierFilterNode, sensor: Sensor, count: int, first: i
 
 
 def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor]:
-    """Start a node, and a sensor that is connected to it. Nobody looks at its health meanwhile."""
+    """Start a node, and a sensor that is connected to it. Nothing samples its health meanwhile."""
     node = ros.filter(
         parameters=SHORT | {key.replace('__', '.'): parameters[key] for key in parameters}
     )
@@ -40,8 +40,8 @@ def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor]:
     return node, sensor
 
 
-def answers(ros: Ros, sensor: Sensor, count: int) -> list[tuple[int, int]]:
-    """Serve until there are so many answers: number of the cloud, and its outliers."""
+def results(ros: Ros, sensor: Sensor, count: int) -> list[tuple[int, int]]:
+    """Serve until there are so many outputs: number of the cloud, and its outliers."""
     while len(sensor.outliers) < count:
         ros.executor.spin_once(0.05)
     return [(_number(msg), msg.width) for msg in sensor.outliers]

@@ -37,11 +37,11 @@ POINTS = 2000  # of a file of points
 
 # What is not run here, and why: the beginnings of commands.
 NOT_RUN: Mapping[str, str] = {
-    'ros2 ': 'needs an installed ROS; test_readme.py looks at what it is given',
+    'ros2 ': 'needs an installed ROS; test_readme.py checks its arguments',
     'rviz2 ': 'needs a screen',
     'cp $(ros2 ': 'needs an installed ROS; the file is shown, and test_readme.py reads it',
     "echo ' chain:": 'the same',
-    'export FASTRTPS': 'needs an installed ROS; test_launch looks at the profile',
+    'export FASTRTPS': 'needs an installed ROS; test_launch checks the profile',
     'ssh ': 'needs another machine',
     'eval "$(register-python-argcomplete': 'test_cli.py asks as a shell does',
     'git clone ': 'needs the network',
@@ -197,13 +197,13 @@ def _hall(stamp: int, unit: int, line: str) -> Any:
     turned = np.tile(np.arange(columns) / columns, rings)
     ring = np.repeat(np.arange(rings), columns)
     up = np.deg2rad(2.0 * ring - 15.0)
-    places = {
+    positions = {
         'x': 10 * np.cos(up) * np.cos(2 * np.pi * turned),
         'y': 10 * np.cos(up) * np.sin(2 * np.pi * turned),
         'z': 10 * np.sin(up),
     }
     times = (stamp + turned * PERIOD) / unit
-    cells = {name: ('f4', values) for name, values in places.items()}
+    cells = {name: ('f4', values) for name, values in positions.items()}
     return table(len(ring), timestamp=('f8', times), **{line: ('u2', ring)}, **cells)
 
 

@@ -142,23 +142,23 @@ class Moving:
         """Feed all messages; odometry arrives ``delay`` seconds after its time."""
         events = [(seconds(msg), 0, msg) for msg in clouds]
         events += [(seconds(msg) + delay, 1, msg) for msg in odometry]
-        answers: list[SplitCloud] = []
+        results: list[SplitCloud] = []
         for _, is_odometry, msg in sorted(events, key=lambda event: event[:2]):
             if is_odometry:
                 self.motion.take(msg)
-                answers += self.filter.advance()
+                results += self.filter.advance()
             else:
-                answers += self.filter.process(msg, msg)
-        return answers + self.filter.flush()
+                results += self.filter.process(msg, msg)
+        return results + self.filter.flush()
 
 
-def rejected(drive: Drive, answers: list[SplitCloud]) -> NDArray[np.bool_]:
+def rejected(drive: Drive, results: list[SplitCloud]) -> NDArray[np.bool_]:
     """Return which points of the drive went to the outliers, by the time in their clouds."""
     mask = np.zeros(len(drive.t), np.bool_)
-    for answer in answers:
-        if answer.outliers.width:
-            rows = structured(answer.outliers).reshape(-1)
-            start = nanoseconds(answer.outliers) - STAMP
+    for result in results:
+        if result.outliers.width:
+            rows = structured(result.outliers).reshape(-1)
+            start = nanoseconds(result.outliers) - STAMP
             mask |= np.isin(drive.t, rows['t'].astype(np.int64) + start)
     return mask
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings, and the answers of a replay."""
+"""Recordings, and the outputs of a replay."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -66,10 +66,10 @@ def is_part(part: list[bytes], whole: list[bytes]) -> bool:
     return all(row in rest for row in part)
 
 
-def check_answers(before: Content, after: Content, topic: str) -> None:
-    """Hold that each cloud has two answers with its header and bag time, and all of its points."""
-    answers = zip(before[topic], after[f'{topic}/cleaned'], after[f'{topic}/outliers'], strict=True)
-    for (time, data), (cleaned_time, cleaned_data), (outliers_time, outliers_data) in answers:
+def check_outputs(before: Content, after: Content, topic: str) -> None:
+    """Hold that each cloud has two outputs with its header and bag time, and all of its points."""
+    results = zip(before[topic], after[f'{topic}/cleaned'], after[f'{topic}/outliers'], strict=True)
+    for (time, data), (cleaned_time, cleaned_data), (outliers_time, outliers_data) in results:
         assert time == cleaned_time == outliers_time
         msg, cleaned, outliers = (
             deserialize_message(item, PointCloud2) for item in (data, cleaned_data, outliers_data)

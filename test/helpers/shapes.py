@@ -98,7 +98,7 @@ def one_far(rng: Rng, count: int) -> Floats:
     return cloud
 
 
-def three_places(rng: Rng, count: int) -> Floats:
+def three_positions(rng: Rng, count: int) -> Floats:
     """Repeat three points, in random order."""
     return rng.uniform(1, 9, (3, 3))[rng.integers(0, 3, count)]
 
@@ -125,7 +125,7 @@ SHAPES: dict[str, Callable[[Rng, int], Floats]] = {
         utm,
         millimetres,
         one_far,
-        three_places,
+        three_positions,
         ball,
     )
 }

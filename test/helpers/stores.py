@@ -25,7 +25,7 @@ SETTINGS = {
 
 
 class Requests(logging.Handler):
-    """The requests that a store answered, such as ``GET /bucket/key``, and what came of each."""
+    """The requests that a store served, such as ``GET /bucket/key``, and what came of each."""
 
     def __init__(self) -> None:
         """Hold none yet."""
@@ -86,7 +86,7 @@ class Store:
 
 @contextmanager
 def running_store() -> Iterator[Store]:
-    """Run a store; inside, the environment leads fsspec to it."""
+    """Run a store; inside, the environment points fsspec to it."""
     requests = Requests()
     log = logging.getLogger('werkzeug')
     log.addHandler(requests)

@@ -65,7 +65,7 @@ class TaggedStream:
 
     @property
     def waiting(self) -> int:
-        """Count the clouds without an answer."""
+        """Count the clouds without output."""
         return len(self.stream.pending)
 
     @property
@@ -113,9 +113,9 @@ def stream(**values: object) -> tuple[TaggedStream, Census]:
     return made, census
 
 
-def points_at(times: Sequence[int], missing: Sequence[bool] = ()) -> Points:
+def points_at(times: Sequence[int], no_return: Sequence[bool] = ()) -> Points:
     """Make points at these nanoseconds."""
     count = len(times)
-    valid = ~np.array(missing, np.bool_) if len(missing) else np.ones(count, np.bool_)
+    valid = ~np.array(no_return, np.bool_) if len(no_return) else np.ones(count, np.bool_)
     t = np.where(valid, np.array(times, np.int64), 0)
     return Points(np.zeros((count, 3)), t, np.zeros(count, np.int64), valid)

@@ -73,7 +73,7 @@ class Status:
         return int(self.values.get(name, 0))
 
     @property
-    def passed(self) -> int:
+    def bypassed(self) -> int:
         """Count the clouds that passed unfiltered."""
         return sum(
             int(value) for key, value in self.values.items() if key.startswith('unfiltered for')
@@ -82,7 +82,7 @@ class Status:
     @property
     def filtered(self) -> int:
         """Count the clouds that were filtered."""
-        return self.count('messages') - self.passed
+        return self.count('messages') - self.bypassed
 
 
 @dataclass
@@ -92,8 +92,8 @@ class Watch:
     env: Mapping[str, str]
     arguments: list[str]
     sent: int = 0
-    answers: list[float] = field(default_factory=list)
-    looks: list[Status] = field(default_factory=list)
+    published: list[float] = field(default_factory=list)
+    samples: list[Status] = field(default_factory=list)
 
     def __enter__(self) -> Self:
         """Start the node."""
@@ -103,8 +103,8 @@ class Watch:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self._clouds = self.node.create_publisher(PointCloud2, 'points', KEEP_ALL)
-        self.node.create_subscription(PointCloud2, 'points/cleaned', self._answered, KEEP_ALL)
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._looked, KEEP_ALL)
+        self.node.create_subscription(PointCloud2, 'points/cleaned', self._published, KEEP_ALL)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._sampled, KEEP_ALL)
         settings = [word for one in [RELIABLE, *self.arguments] for word in ('-p', one)]
         command = ['-P', '-m', 'lidar_outlier_filter.ros.executable', '--ros-args', *settings]
         self._log = tempfile.TemporaryFile('w+')
@@ -143,14 +143,14 @@ class Watch:
 
     def settle(self) -> Status:
         """Send no more; wait until the node has counted all that was sent; return its counts."""
-        end, before = time.monotonic() + TIMEOUT, len(self.looks)
+        end, before = time.monotonic() + TIMEOUT, len(self.samples)
         while time.monotonic() < end:
             self.executor.spin_once(0.1)
-            look = self.looks[-1]
-            lost = look.count('dropped') + look.count('refused')
-            if len(self.looks) > before and look.count('messages') + lost == self.sent:
+            sample = self.samples[-1]
+            lost = sample.count('dropped') + sample.count('refused')
+            if len(self.samples) > before and sample.count('messages') + lost == self.sent:
                 break
-        return self.looks[-1]
+        return self.samples[-1]
 
     def stop(self) -> int:
         """Ask the node to end; return its exit status."""
@@ -163,11 +163,11 @@ class Watch:
             self._clouds.publish(sweep(self.sent))
             self.sent += 1
 
-    def _answered(self, _msg: PointCloud2) -> None:
-        self.answers.append(time.monotonic())
+    def _published(self, _msg: PointCloud2) -> None:
+        self.published.append(time.monotonic())
 
-    def _looked(self, msg: DiagnosticArray) -> None:
+    def _sampled(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
             values = {item.key: item.value for item in status.values}
             level = int.from_bytes(status.level, 'little')
-            self.looks.append(Status(time.monotonic(), level, str(status.message), values))
+            self.samples.append(Status(time.monotonic(), level, str(status.message), values))

@@ -31,7 +31,7 @@ exec(open('doc/__conf.py').read())
 
 
 def build(source: Path, target: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    """Build the pages; the answer has what Sphinx says."""
+    """Build the pages; the result has the output of Sphinx."""
     command = [sys.executable, '-m', 'sphinx', '-W', '--keep-going', '-q', *options]
     return subprocess.run(
         [*command, str(source), str(target)],
@@ -54,8 +54,8 @@ def words(page: Path) -> str:
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build all pages, every warning being an error."""
     target = tmp_path_factory.mktemp('html')
-    answer = build(ROOT / 'doc', target)
-    assert answer.returncode == 0, answer.stderr
+    result = build(ROOT / 'doc', target)
+    assert result.returncode == 0, result.stderr
     return target
 
 
@@ -100,8 +100,8 @@ def test_built_as_rosdoc2_does(tmp_path: Path) -> None:
     (tmp_path / 'doc' / 'conf.py').rename(tmp_path / 'doc' / '__conf.py')
     (tmp_path / 'conf.py').write_text(WRAPPER, encoding='utf-8')
     (tmp_path / 'index.rst').write_text('Package\n=======\n\n.. toctree::\n\n   doc/index\n')
-    answer = build(tmp_path, tmp_path / 'html')
-    assert answer.returncode == 0, answer.stderr
+    result = build(tmp_path, tmp_path / 'html')
+    assert result.returncode == 0, result.stderr
     assert 'alpha_beta_gamma.before' in words(tmp_path / 'html' / 'doc' / 'parameters.html')
 
 
@@ -109,14 +109,14 @@ def test_built_from_an_installed_package(tmp_path: Path) -> None:
     """What lies outside the folder is found beside it, wherever the package is."""
     (tmp_path / 'lidar_outlier_filter').symlink_to(ROOT / 'lidar_outlier_filter')
     program = 'import runpy, sys; print(runpy.run_path(sys.argv[1])["inserted"]())'
-    answer = subprocess.run(
+    result = subprocess.run(
         [sys.executable, '-c', program, str(ROOT / 'doc' / 'conf.py')],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert 'CONTRIBUTING.md' in answer.stdout, answer.stderr
+    assert 'CONTRIBUTING.md' in result.stdout, result.stderr
 
 
 @pytest.mark.slow
@@ -124,6 +124,6 @@ def test_an_unknown_mark_ends_the_build(tmp_path: Path) -> None:
     """A page that asks for what nobody has is no page."""
     shutil.copy(ROOT / 'doc' / 'conf.py', tmp_path)
     (tmp_path / 'index.md').write_text('# Page\n\n<!-- insert: nothing -->\n', encoding='utf-8')
-    answer = build(tmp_path, tmp_path / 'html')
-    assert answer.returncode != 0
-    assert 'nothing' in answer.stderr
+    result = build(tmp_path, tmp_path / 'html')
+    assert result.returncode != 0
+    assert 'nothing' in result.stderr

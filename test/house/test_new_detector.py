@@ -101,7 +101,7 @@ def test_contributing_quotes_the_example() -> None:
 
 
 def test_declarations_agree_with_the_parameters() -> None:
-    """Names, sections, thresholds and dials of all detectors are those of the parameters."""
+    """Names, sections, thresholds and searches of all detectors are those of the parameters."""
     assert tuple(DETECTORS) == describe()[1].choices
     names = {item.name for item in describe()}
     for name, detector in DETECTORS.items():

@@ -252,7 +252,7 @@ assert bool(kernel_cache.portable) == is_portable
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_a_wheel_brings_portable_kernels(tmp_path: Path) -> None:
-    """From a wheel, nothing is compiled for the first answer, which is that of host kernels.
+    """From a wheel, nothing is compiled for the first result, which equals that of host kernels.
 
     Of one detector, as all take minutes; which others a wheel brings is a test of ``compile``.
     """
@@ -304,7 +304,7 @@ class Workspace:
 
     def run(self, *command: str, check: bool = False) -> subprocess.CompletedProcess[str]:
         """Run a command in the workspace, and leave what it says."""
-        answer = subprocess.run(
+        result = subprocess.run(
             command,
             cwd=self.root,
             env=self.environment,
@@ -313,8 +313,8 @@ class Workspace:
             check=False,
             timeout=300,
         )
-        assert not check or answer.returncode == 0, answer.stdout + answer.stderr
-        return answer
+        assert not check or result.returncode == 0, result.stdout + result.stderr
+        return result
 
     def run_sourced(self, *command: str) -> subprocess.CompletedProcess[str]:
         """Run a command where the workspace is sourced, as a user does."""
@@ -361,9 +361,9 @@ def test_the_built_node_starts(workspace: Workspace) -> None:
     node = workspace.prefix / 'lib' / NAME / 'outlier_filter_node'
     assert os.access(node, os.X_OK)
     # Python is named for folders with a space, which the first line of a script cannot have.
-    answer = workspace.run_sourced(sys.executable, str(node), '--ros-args', '-p', 'halo:=-1.0')
-    assert answer.returncode == 1, answer.stderr
-    assert 'halo must be' in answer.stderr
+    result = workspace.run_sourced(sys.executable, str(node), '--ros-args', '-p', 'halo:=-1.0')
+    assert result.returncode == 1, result.stderr
+    assert 'halo must be' in result.stderr
 
 
 @pytest.mark.slow

@@ -44,32 +44,32 @@ def make(extra: dict[str, object] | None = None) -> Pipeline:
 
 
 def run(messages: Iterable[Any], extra: dict[str, object] | None = None) -> list[SplitCloud]:
-    """Filter a recording; each message has its one answer, in order."""
+    """Filter a recording; each message has its one output, in order."""
     clean = make(extra)
-    answers: list[SplitCloud] = []
+    outputs: list[SplitCloud] = []
     count = 0
     for count, msg in enumerate(messages, 1):
-        answers += clean.process(msg, count - 1)
-    answers += clean.flush()
-    assert [answer.tag for answer in answers] == list(range(count))
+        outputs += clean.process(msg, count - 1)
+    outputs += clean.flush()
+    assert [output.tag for output in outputs] == list(range(count))
     assert clean.statistics.refused == 0
-    return answers
+    return outputs
 
 
-def joined(answers: Sequence[SplitCloud]) -> tuple[bytes, bytes]:
+def joined(outputs: Sequence[SplitCloud]) -> tuple[bytes, bytes]:
     """Join the bytes of all cleaned clouds, and of all outlier clouds."""
     return (
-        b''.join(bytes(answer.cleaned.data) for answer in answers),
-        b''.join(bytes(answer.outliers.data) for answer in answers),
+        b''.join(bytes(output.cleaned.data) for output in outputs),
+        b''.join(bytes(output.outliers.data) for output in outputs),
     )
 
 
-def assert_partition(msg: Any, answer: SplitCloud) -> None:
+def assert_partition(msg: Any, output: SplitCloud) -> None:
     """Every point is in one of the two, with all its bytes, in order, under the same header."""
     points = point_bytes(msg)
-    parts = [point_bytes(answer.cleaned), point_bytes(answer.outliers)]
+    parts = [point_bytes(output.cleaned), point_bytes(output.outliers)]
     assert Counter(parts[0]) + Counter(parts[1]) == Counter(points)
-    for part, result in zip(parts, (answer.cleaned, answer.outliers), strict=True):
+    for part, result in zip(parts, (output.cleaned, output.outliers), strict=True):
         rest = iter(points)
         assert all(point in rest for point in part)
         assert (result.header, result.fields) == (msg.header, msg.fields)
@@ -78,7 +78,7 @@ def assert_partition(msg: Any, answer: SplitCloud) -> None:
         assert result.is_bigendian == msg.is_bigendian
 
 
-# Partition, and one answer for each message -----------------------------------------------------
+# Partition, and one output for each message -----------------------------------------------------
 
 
 @BOTH_KINDS
@@ -95,27 +95,27 @@ def test_partition(
         for number, part in enumerate([*cut(turned, 1, 40), turned[:0], turned[-1:]])
     ]
     before = [dump(msg) for msg in messages]
-    answers = run(messages, chain)
-    for msg, answer in zip(messages, answers, strict=True):
-        assert_partition(msg, answer)
+    outputs = run(messages, chain)
+    for msg, output in zip(messages, outputs, strict=True):
+        assert_partition(msg, output)
     assert [dump(msg) for msg in messages] == before
     assert min(msg.width for msg in messages) == 0
-    assert sum(answer.outliers.width for answer in answers) > fewest
+    assert sum(output.outliers.width for output in outputs) > fewest
 
 
 @pytest.mark.parametrize('chain', [{}, DEFAULT], ids=['', 'default'])
 def test_missing_returns_stay(chain: dict[str, object]) -> None:
-    """Clouds of missing returns only are answered, in their turn, with all of them in cleaned."""
+    """Clouds of missing returns only are published, in their turn, with all of them in cleaned."""
     rows = drive(3)
-    missing = rows[:50].copy()
-    missing['x'], missing['timestamp'] = np.nan, np.nan
-    parts = [missing, *cut(rows, 3, 10), missing[:0], missing, missing]
-    answers = run([cloud(part) for part in parts], chain)
+    no_return = rows[:50].copy()
+    no_return['x'], no_return['timestamp'] = np.nan, np.nan
+    parts = [no_return, *cut(rows, 3, 10), no_return[:0], no_return, no_return]
+    outputs = run([cloud(part) for part in parts], chain)
     for number in (0, -1, -2):
-        assert (answers[number].cleaned.width, answers[number].outliers.width) == (50, 0)
-    for part, answer in zip(parts, answers, strict=True):
+        assert (outputs[number].cleaned.width, outputs[number].outliers.width) == (50, 0)
+    for part, output in zip(parts, outputs, strict=True):
         invalid = ~(np.isfinite([part[name] for name in 'xyz']).all(axis=0) & (part['x'] != 0))
-        kept = np.array([values(answer.cleaned, name) for name in 'xyz']).reshape(3, -1)
+        kept = np.array([values(output.cleaned, name) for name in 'xyz']).reshape(3, -1)
         missing_kept = ~np.isfinite(kept).all(axis=0) | (kept == 0).all(axis=0)
         assert np.count_nonzero(missing_kept) == np.count_nonzero(invalid)
 
@@ -128,17 +128,17 @@ def test_missing_returns_are_dropped(chain: dict[str, object]) -> None:
     absent['x'] = np.nan
     messages = [cloud(part) for part in (absent, *cut(rows, 3, 10), rows[:0])]
     clean = make(chain | {'missing': 'drop'})
-    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
+    outputs = [output for msg in messages for output in clean.process(msg)] + clean.flush()
     plain = run(messages, chain)
     dropped = 0
-    for msg, answer, kept in zip(messages, answers, plain, strict=True):
+    for msg, output, kept in zip(messages, outputs, plain, strict=True):
         xyz = np.array([values(kept.cleaned, name) for name in 'xyz']).reshape(3, -1)
         valid = np.isfinite(xyz).all(axis=0) & (xyz != 0).any(axis=0)
         dropped += int(np.count_nonzero(~valid))
-        assert bytes(answer.cleaned.data) == plain_rows(kept.cleaned)[valid].tobytes()
-        assert bytes(answer.outliers.data) == bytes(kept.outliers.data)
-        assert answer.cleaned.is_dense
-        assert answer.cleaned.width + answer.outliers.width <= msg.width
+        assert bytes(output.cleaned.data) == plain_rows(kept.cleaned)[valid].tobytes()
+        assert bytes(output.outliers.data) == bytes(kept.outliers.data)
+        assert output.cleaned.is_dense
+        assert output.cleaned.width + output.outliers.width <= msg.width
     assert clean.statistics.dropped == clean.statistics.invalid == dropped > 50
 
 
@@ -146,8 +146,8 @@ def test_organised_clouds_keep_missing_returns() -> None:
     """A cloud that keeps its shape has no place that it could leave out."""
     rows = drive(4)[:2000].reshape(4, -1).copy()
     rows['x'][0, :5] = np.nan
-    (answer,) = run([cloud(rows)], {'keep_organized': True, 'missing': 'drop'})
-    assert structured(answer.cleaned).shape == rows.shape
+    (output,) = run([cloud(rows)], {'keep_organized': True, 'missing': 'drop'})
+    assert structured(output.cleaned).shape == rows.shape
 
 
 # Chunk invariance -------------------------------------------------------------------------------
@@ -272,8 +272,8 @@ def test_same_input_same_output() -> None:
     clean = make({'scores': True})
     outcomes = []
     for _ in range(3):
-        answers = [answer for msg in messages for answer in clean.process(msg)]
-        outcomes.append(joined(answers + clean.flush()))
+        outputs = [output for msg in messages for output in clean.process(msg)]
+        outcomes.append(joined(outputs + clean.flush()))
     assert outcomes[0] == outcomes[1] == outcomes[2] == joined(run(messages, {'scores': True}))
 
 
@@ -282,7 +282,7 @@ def test_same_input_same_output() -> None:
 
 @pytest.mark.parametrize('kind', ['points', 'missing', 'empty', 'late'])
 def test_nothing_is_kept(kind: str) -> None:
-    """A message that is answered, or refused, is let go of."""
+    """A message that is published, or refused, is released."""
     clean = make()
     alive: list[weakref.ref[Any]] = []
     most = 0
@@ -303,16 +303,16 @@ def test_nothing_is_kept(kind: str) -> None:
     assert (clean.statistics.refused > 500) == (kind == 'late')
 
 
-def test_answered_within_halo() -> None:
-    """A message is answered by the first point that is a block and a halo later."""
+def test_published_within_halo() -> None:
+    """A message is published at the first point that is a block and a halo later."""
     clean = make()
     rows = table(1, ring=('u1', 0), timestamp=('u8', 0))
     asked: dict[int, int] = {}
     for number in range(300):
         rows['timestamp'] = STAMP + number * 700_000
         asked[number] = STAMP + number * 700_000
-        for answer in clean.process(cloud(rows), number):
-            waited = asked[number] - asked.pop(answer.tag)
+        for output in clean.process(cloud(rows), number):
+            waited = asked[number] - asked.pop(output.tag)
             assert waited <= 10_000_000 + 2_000_000 + 700_000
     assert len(asked) < 20
 
@@ -330,10 +330,10 @@ def test_clock_is_set(way: str, shift: int) -> None:
     parts = [[cloud(part) for part in cut(rows, 15, 20)] for rows in (before, after)]
     expected = [joined(run(part, extra)) for part in parts]
     clean = make(extra)
-    answers = [answer for msg in parts[0] + parts[1] for answer in clean.process(msg)]
-    answers += clean.flush()
-    assert len(answers) == len(parts[0] + parts[1])
-    assert joined(answers) == (expected[0][0] + expected[1][0], expected[0][1] + expected[1][1])
+    outputs = [output for msg in parts[0] + parts[1] for output in clean.process(msg)]
+    outputs += clean.flush()
+    assert len(outputs) == len(parts[0] + parts[1])
+    assert joined(outputs) == (expected[0][0] + expected[1][0], expected[0][1] + expected[1][1])
     assert clean.statistics.resets == int(shift < 0)
 
 
@@ -348,10 +348,10 @@ def test_statistics() -> None:
     rows = drive(20)
     messages = [cloud(part) for part in cut(rows, 20, 30)]
     clean = make({'scores': True})
-    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
+    outputs = [output for msg in messages for output in clean.process(msg)] + clean.flush()
     counts = clean.statistics
     scores = [
-        s for a in answers for c in (a.cleaned, a.outliers) for s in values(c, 'outlier_score')
+        s for a in outputs for c in (a.cleaned, a.outliers) for s in values(c, 'outlier_score')
     ]
     xyz = np.array([rows[name] for name in 'xyz'])
     invalid = ~np.isfinite(xyz).all(axis=0) | (xyz == 0).all(axis=0)
@@ -359,28 +359,28 @@ def test_statistics() -> None:
     assert counts.points == len(rows)
     assert counts.invalid == np.count_nonzero(invalid) > 0
     assert counts.untested == np.count_nonzero(np.isnan(scores)) - counts.invalid > 0
-    assert counts.outliers == sum(answer.outliers.width for answer in answers) > 0
+    assert counts.outliers == sum(output.outliers.width for output in outputs) > 0
     assert counts.rejected == {'alpha_beta_gamma': counts.outliers}
     assert (counts.refused, counts.resets) == (0, 0)
 
 
 def test_change() -> None:
-    """Other parameters judge the blocks to come; clouds that wait are answered in the old form."""
+    """New parameters apply from the next block; pending clouds keep their output layout."""
     rows = drive(21)
     parts = np.split(rows, [700, 1400])
     clean = make()
-    answers = clean.process(cloud(parts[0]), 'plain')
+    outputs = clean.process(cloud(parts[0]), 'plain')
     tolerant: dict[str, object] = {'scores': True, 'alpha_beta_gamma.sigma': 0.5}
     clean.change(clean.parameters.changed(tolerant))
     assert clean.parameters.scores
-    answers += clean.process(cloud(parts[1]), 'scored')
-    answers += clean.process(cloud(parts[2]), 'scored')
-    answers += clean.flush()
-    assert [answer.tag for answer in answers] == ['plain', 'scored', 'scored']
-    assert [len(answer.cleaned.fields) - 7 for answer in answers] == [0, 4, 4]
+    outputs += clean.process(cloud(parts[1]), 'scored')
+    outputs += clean.process(cloud(parts[2]), 'scored')
+    outputs += clean.flush()
+    assert [output.tag for output in outputs] == ['plain', 'scored', 'scored']
+    assert [len(output.cleaned.fields) - 7 for output in outputs] == [0, 4, 4]
     expected = run([cloud(rows)], tolerant)[0].outliers.width
     plain = run([cloud(rows)])[0].outliers.width
-    found = sum(answer.outliers.width for answer in answers)
+    found = sum(output.outliers.width for output in outputs)
     assert expected < found < plain
 
 
@@ -391,10 +391,10 @@ def test_change_while_the_slow_detectors_are_off() -> None:
     clean = Pipeline(FilterParameters().changed(values))
 
     def found(first: int) -> list[int]:
-        answers = [
-            answer for i in range(first, first + 3) for answer in clean.process(line(0.01 * i))
+        outputs = [
+            output for i in range(first, first + 3) for output in clean.process(line(0.01 * i))
         ]
-        return [answer.outliers.width for answer in [*answers, *clean.flush_pending()]]
+        return [output.outliers.width for output in [*outputs, *clean.flush_pending()]]
 
     clean.degrade(on=True)
     assert found(0) == [1, 1, 1]

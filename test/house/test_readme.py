@@ -62,7 +62,7 @@ def test_readme_is_short() -> None:
 
 @EACH_PAGE
 def test_links_lead_somewhere(page: Path) -> None:
-    """Every link within the project leads to a file, and to a heading of it."""
+    """Every link within the project names an existing file, and a heading of it."""
     for target, anchor in LINK.findall(page.read_text(encoding='utf-8')):
         file = (page.parent / target) if target else page
         assert file.is_file(), target

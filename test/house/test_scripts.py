@@ -82,9 +82,9 @@ class Project:
 
     def make(self, *command: str, **variables: str) -> str:
         """Run a command in the environment, and return what it says."""
-        answer = self.run('scripts/environment', *command, **variables)
-        assert answer.returncode == 0, answer.stderr
-        return answer.stdout
+        result = self.run('scripts/environment', *command, **variables)
+        assert result.returncode == 0, result.stderr
+        return result.stdout
 
     def asked(self) -> list[str]:
         """List what was asked of Python and pip since the last call."""
@@ -129,17 +129,17 @@ def test_environment_of_someone_else_is_left_alone(project: Project) -> None:
     theirs = project.root / '.venv' / 'theirs'
     theirs.parent.mkdir()
     theirs.touch()
-    answer = project.run('scripts/environment')
-    assert answer.returncode == 1
-    assert 'must be made by this script' in answer.stderr
+    result = project.run('scripts/environment')
+    assert result.returncode == 1
+    assert 'must be made by this script' in result.stderr
     assert theirs.exists()
 
 
 def test_unfit_python_is_refused(project: Project) -> None:
     """Without a Python 3.11 or 3.12 one sentence says so."""
-    answer = project.run('scripts/environment', PYTHON='/bin/false')
-    assert answer.returncode == 1
-    assert 'Python must be 3.11 or 3.12' in answer.stderr
+    result = project.run('scripts/environment', PYTHON='/bin/false')
+    assert result.returncode == 1
+    assert 'Python must be 3.11 or 3.12' in result.stderr
 
 
 def test_sourced_jazzy_is_used(project: Project) -> None:
@@ -155,13 +155,13 @@ def test_sourced_jazzy_is_used(project: Project) -> None:
 @pytest.mark.parametrize('distribution', ['humble', 'jazzy'])
 def test_unfit_ros_is_left_alone(project: Project, distribution: str) -> None:
     """A ROS that is no Jazzy, or does not import, has no influence; a sentence says so."""
-    answer = project.run(
+    result = project.run(
         'scripts/environment', 'env', ROS_DISTRO=distribution, PYTHONPATH='/opt/ros'
     )
-    assert f'({distribution}) is left alone' in answer.stderr
+    assert f'({distribution}) is left alone' in result.stderr
     assert project.asked()[-1].endswith('[ros,docs,test,lint]')
     assert not {'ROS_DISTRO', 'PYTHONPATH'} & {
-        line.partition('=')[0] for line in answer.stdout.splitlines()
+        line.partition('=')[0] for line in result.stdout.splitlines()
     }
 
 
@@ -189,11 +189,11 @@ def test_ci_counts(project: Project, status: str, written: str, wrong: str, clos
     """Whatever fails, .ci/run fails, and its last line counts it."""
     project.write(project.root / 'scripts' / 'environment', CHECKS)
     project.write(project.root / 'scripts' / 'test', TESTS)
-    answer = project.run(
+    result = project.run(
         '.ci/run', STATUS=status, REPORT=written, WRONG=wrong, REAL_PYTHON=sys.executable
     )
-    assert answer.stdout.splitlines()[-1] == closing
-    assert (answer.returncode == 0) == (' 0 failed' in closing)
+    assert result.stdout.splitlines()[-1] == closing
+    assert (result.returncode == 0) == (' 0 failed' in closing)
 
 
 def test_tests_of_real_data_are_left_out_together(tmp_path: Path) -> None:

@@ -58,14 +58,14 @@ def lists(rows: Rows) -> list[bytes]:
 def run(clouds: Iterable[Any], parameters: dict[str, object]) -> list[SplitCloud]:
     """Filter a recording."""
     clean = CloudFilter(parameters)
-    answers = [answer for given in clouds for answer in clean.push(given)]
-    return answers + clean.flush()
+    results = [result for given in clouds for result in clean.push(given)]
+    return results + clean.flush()
 
 
-def assert_partition(rows: Rows, answer: SplitCloud) -> None:
+def assert_partition(rows: Rows, result: SplitCloud) -> None:
     """Every point is in one of the two, with all its bytes, in order, and both have the dtype."""
-    points, parts = lists(rows), [lists(answer.cleaned), lists(answer.outliers)]
-    assert answer.cleaned.dtype == answer.outliers.dtype == rows.dtype
+    points, parts = lists(rows), [lists(result.cleaned), lists(result.outliers)]
+    assert result.cleaned.dtype == result.outliers.dtype == rows.dtype
     assert Counter(parts[0]) + Counter(parts[1]) == Counter(points)
     for part in parts:
         rest = iter(points)
@@ -79,15 +79,15 @@ def test_partition(count: int, order: str) -> None:
     rows = odd_rows(count, order=order)
     before = rows.tobytes()
     clean = CloudFilter(chain=['lof'])
-    (answer,) = clean.push(rows, 'mine', stamp=STAMP) + clean.flush()
-    assert_partition(rows, answer)
-    assert answer.tag == 'mine'
-    assert answer.cleaned.ndim == 1
+    (result,) = clean.push(rows, 'mine', stamp=STAMP) + clean.flush()
+    assert_partition(rows, result)
+    assert result.tag == 'mine'
+    assert result.cleaned.ndim == 1
     assert rows.tobytes() == before
-    assert (answer.outliers.size > 0) == (count == 700)
+    assert (result.outliers.size > 0) == (count == 700)
     assert clean.statistics.points == count
     # What comes out belongs to the caller.
-    answer.cleaned['z'] = 0
+    result.cleaned['z'] = 0
     assert rows.tobytes() == before
 
 
@@ -96,17 +96,17 @@ def test_parts_of_arrays(part: slice) -> None:
     """An array whose points do not lie together in memory is one like any other."""
     rows = odd_rows(600).view(np.recarray)[part]
     clean = CloudFilter(chain=['lof'])
-    (answer,) = clean.push(rows, stamp=STAMP) + clean.flush()
+    (result,) = clean.push(rows, stamp=STAMP) + clean.flush()
     copied = CloudFilter(chain=['lof'])
     (expected,) = copied.push(rows.copy(), stamp=STAMP) + copied.flush()
-    assert_partition(rows, answer)
-    np.testing.assert_array_equal(answer.outliers['x'], expected.outliers['x'])
-    assert answer.outliers.size > 0
+    assert_partition(rows, result)
+    np.testing.assert_array_equal(result.outliers['x'], expected.outliers['x'])
+    assert result.outliers.size > 0
 
 
 @pytest.mark.parametrize('chain', ['alpha_beta_gamma', 'boosted_trees', 'lof'])
 def test_arrays_are_judged_as_messages(chain: str) -> None:
-    """Absolute times need no stamp, and the answer is that to the message with these points."""
+    """Absolute times need no stamp, and the result is that of the message with these points."""
     parts = cut(drive(5), 5, 12)
     parameters = {**SHORT, 'chain': [chain]}
     arrays = run(parts, parameters)
@@ -116,25 +116,25 @@ def test_arrays_are_judged_as_messages(chain: str) -> None:
         assert_partition(part, array)
         assert b''.join(lists(array.outliers)) == bytes(message.outliers.data)
         assert b''.join(lists(array.cleaned)) == bytes(message.cleaned.data)
-    assert sum(answer.outliers.size for answer in arrays) > 5
+    assert sum(result.outliers.size for result in arrays) > 5
 
 
 def test_relative_times() -> None:
-    """Times count from the stamp; where they do and there is none, the cloud is refused."""
+    """Times count from the stamp; without a stamp the cloud is refused."""
     rows = drive(6)[['x', 'y', 'z', 'ring', 'tick']]
     clean = CloudFilter({**SHORT, 'time_field': 'tick'})
     sentence = 'the stamp must be given, in nanoseconds, for an array whose times count from it'
     with pytest.raises(CloudError, match=f'^{sentence}, got none$'):
         clean.push(rows)
     assert clean.statistics.refusals == {'the stamp': 1}
-    answers = clean.push(rows, stamp=STAMP) + clean.push(rows, stamp=np.int64(STAMP + SECOND))
-    answers += clean.flush()
+    results = clean.push(rows, stamp=STAMP) + clean.push(rows, stamp=np.int64(STAMP + SECOND))
+    results += clean.flush()
     expected = CloudFilter({**SHORT, 'time_field': 'tick'})
     messages = expected.push(cloud(rows)) + expected.push(cloud(rows, STAMP + SECOND))
     messages += expected.flush()
-    for answer, message in zip(answers, messages, strict=True):
-        assert b''.join(lists(answer.outliers)) == bytes(message.outliers.data)
-        assert answer.outliers.size > 0
+    for result, message in zip(results, messages, strict=True):
+        assert b''.join(lists(result.outliers)) == bytes(message.outliers.data)
+        assert result.outliers.size > 0
 
 
 @pytest.mark.parametrize('order', ['<', '>'])
@@ -142,27 +142,27 @@ def test_organised_with_scores(order: str) -> None:
     """An array of rows and columns keeps its shape; scores are added in its byte order."""
     rows = odd_rows(800, order=order).reshape(4, 200)
     clean = CloudFilter({'chain': ['lof'], 'keep_organized': True, 'scores': True})
-    (answer,) = clean.push(rows, stamp=STAMP) + clean.flush()
-    assert answer.cleaned.shape == (4, 200)
-    holes = np.isnan(answer.cleaned['x'])
-    assert np.count_nonzero(holes) == answer.outliers.size > 0
-    assert answer.cleaned.dtype.names == (*(rows.dtype.names or ()), *SCORE_FIELDS)
-    assert answer.cleaned.dtype['outlier_score'].str == f'{order}f4'
-    assert (answer.outliers['outlier_score'] > 1).all()
-    assert set(answer.outliers['outlier_detectors'].tolist()) == {4}
-    assert set(answer.outliers['outlier_detector_number'].tolist()) == {3}
+    (result,) = clean.push(rows, stamp=STAMP) + clean.flush()
+    assert result.cleaned.shape == (4, 200)
+    holes = np.isnan(result.cleaned['x'])
+    assert np.count_nonzero(holes) == result.outliers.size > 0
+    assert result.cleaned.dtype.names == (*(rows.dtype.names or ()), *SCORE_FIELDS)
+    assert result.cleaned.dtype['outlier_score'].str == f'{order}f4'
+    assert (result.outliers['outlier_score'] > 1).all()
+    assert set(result.outliers['outlier_detectors'].tolist()) == {4}
+    assert set(result.outliers['outlier_detector_number'].tolist()) == {3}
     for name in ('note', 'flags', 'when', 'half', 'ring'):
-        np.testing.assert_array_equal(answer.cleaned[name], rows[name])
-    np.testing.assert_array_equal(answer.outliers['x'], rows['x'][holes])
+        np.testing.assert_array_equal(result.cleaned[name], rows[name])
+    np.testing.assert_array_equal(result.outliers['x'], rows['x'][holes])
 
 
 def test_pass_by() -> None:
     """An array that is not to be filtered comes back whole."""
     rows = odd_rows(50)
     clean = Pipeline(FilterParameters().changed({'chain': ['lof']}))
-    (answer,) = clean.process(rows, bypassed='too much') + clean.flush()
-    assert_partition(rows, answer)
-    assert answer.outliers.size == 0
+    (result,) = clean.process(rows, bypassed='too much') + clean.flush()
+    assert_partition(rows, result)
+    assert result.outliers.size == 0
 
 
 AXES: list[Any] = [('x', 'f4'), ('y', 'f4'), ('z', 'f4')]

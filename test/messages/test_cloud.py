@@ -189,7 +189,7 @@ def test_split_of_nothing(
 
 
 def number_of(bits: int) -> int:
-    """Count up to the lowest bit of a detector; the bit of the second phase is none."""
+    """Count up to the lowest bit of a detector; the bit of the second phase is not one."""
     return next((n + 1 for n in range(15) if bits & 1 << n), 0)
 
 

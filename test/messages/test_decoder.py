@@ -127,7 +127,7 @@ def test_nanoseconds_survive() -> None:
 @pytest.mark.parametrize('unit', FACTOR)
 @pytest.mark.parametrize('kind', ['u4', 'f4', 'f8'])
 def test_parameters_override(kind: str, unit: str, reference: str, start: int) -> None:
-    """Field, unit and reference are as the parameters say, whatever it looks like."""
+    """Field, unit and reference are those of the parameters, whatever the cloud suggests."""
     rows = table(4, time=('f4', 5), clock=(kind, [1, 2, 3, 400]))
     values = {'time_field': 'clock', 'time_unit': unit, 'time_reference': reference}
     assert decode(cloud(rows), **values).t.tolist() == exact(rows['clock'], unit, start)
@@ -291,13 +291,13 @@ def test_angle_of_missing_returns() -> None:
     """A missing return has no angle: it is in the line it stands in, and wraps nothing."""
     angle = turns(500, 37)
     rows = table(500, t=('u4', range(500)), y=('f4', np.cos(angle)), z=('f4', np.sin(angle)))
-    missing = np.random.default_rng(4).uniform(size=500) < 0.2
+    no_return = np.random.default_rng(4).uniform(size=500) < 0.2
     for name in 'xyz':
-        rows[name][missing] = 0
+        rows[name][no_return] = 0
     lines = decode(cloud(rows), line_source='angle').line
-    assert (lines[~missing]).tolist() == naive_lines(angle[~missing])
+    assert (lines[~no_return]).tolist() == naive_lines(angle[~no_return])
     np.testing.assert_array_equal(np.diff(lines) >= 0, True)  # noqa: FBT003
-    np.testing.assert_array_equal(lines[1:][missing[1:]], lines[:-1][missing[1:]])
+    np.testing.assert_array_equal(lines[1:][no_return[1:]], lines[:-1][no_return[1:]])
 
 
 # What is not valid ------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ def test_angle_of_missing_returns() -> None:
 def test_missing_returns(kind: str, order: str) -> None:
     """NaN (signalling, too) and Inf in any coordinate and 0 0 0 are missing returns."""
     nan, inf = np.nan, np.inf
-    missing: list[Any] = [
+    no_return: list[Any] = [
         (nan, 1, 1),
         (1, nan, 1),
         (1, 1, nan),
@@ -318,7 +318,7 @@ def test_missing_returns(kind: str, order: str) -> None:
     ]
     points: list[Any] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
     rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
-    for i, point in enumerate(missing + points):
+    for i, point in enumerate(no_return + points):
         for name, value in zip('xyz', point, strict=True):
             rows[name][i] = value
     bits, signalling = {'f4': ('u4', 0x7FA00001), 'f8': ('u8', 0x7FF4000000000001)}[kind]
@@ -344,7 +344,7 @@ def test_sigma(wrong: float) -> None:
 @pytest.mark.parametrize('kind', ['f4', 'f8'])
 @pytest.mark.parametrize('axis', 'xyz')
 def test_absurd_coordinates(axis: str, kind: str) -> None:
-    """A return farther away than the Moon was never measured; beside a NaN nobody looks at it."""
+    """A return farther away than the Moon was never measured; beside a NaN it is not read."""
     reader, informed, _ = decoder()
     rows = np.ones(3, [(name, kind) for name in 'xyz'] + [('t', 'u4')])
     for sign in (1, -1):
@@ -364,7 +364,7 @@ def test_absurd_coordinates(axis: str, kind: str) -> None:
 @pytest.mark.parametrize('kind', ['f4', 'f8'])
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e30, -1e30])
 def test_bad_stamps(kind: str, bad: float) -> None:
-    """A point's time must be finite and possible; that of a missing return is not looked at."""
+    """A point's time must be finite and possible; that of a missing return is not read."""
     reader = decoder()[0]
     rows = table(5, time=(kind, [0, 0.01, 0.02, bad, 0.04]))
     with pytest.raises(CloudError, match='the time of a point must be finite and within 73 years'):

@@ -49,13 +49,13 @@ def segments(t_ns: Sequence[int], line: Sequence[int], gap_factor: float) -> lis
         one: shot_interval([t for t, i in zip(t_ns, line, strict=True) if i == one])
         for one in set(line)
     }
-    answer = [0] if len(t_ns) else []
+    result = [0] if len(t_ns) else []
     for i in range(1, len(t_ns)):
         usual = interval[line[i]]
         new_line = line[i] != line[i - 1]
         gap = usual is not None and int(t_ns[i]) - int(t_ns[i - 1]) > gap_factor * usual
-        answer.append(answer[-1] + int(new_line or gap))
-    return answer
+        result.append(result[-1] + int(new_line or gap))
+    return result
 
 
 def angle_lines(angle: Sequence[float]) -> list[int]:
@@ -64,15 +64,15 @@ def angle_lines(angle: Sequence[float]) -> list[int]:
     A line begins where the angle wraps (steps by more than π), or steps against the sense of
     rotation by more than a twelfth of a turn. A smaller step back is noise: until the angle is
     further than it ever was in this line, nothing begins. The sense is the sign of the sum of the
-    steps of a twelfth or less, limited to ±π. Within a twelfth of 0 there is none, and only wraps
+    steps of a twelfth or less, limited to ±π. Within a twelfth of 0 it is unknown, and only wraps
     count.
     """
-    answer: list[int] = []
+    result: list[int] = []
     line, travel, furthest = 0, 0.0, nan
     for i, now in enumerate(angle):
         if i == 0:
             furthest = now
-            answer.append(line)
+            result.append(line)
             continue
         step = _shorter_way(angle[i - 1], now)
         forwards = travel >= pi / 6
@@ -86,8 +86,8 @@ def angle_lines(angle: Sequence[float]) -> list[int]:
             furthest = now
         if -pi / 6 <= step <= pi / 6:
             travel = sorted([-pi, travel + step, pi])[1]
-        answer.append(line)
-    return answer
+        result.append(line)
+    return result
 
 
 def _shorter_way(a: float, b: float) -> float:
@@ -246,11 +246,11 @@ def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> tup
     k, m = segment[p], len(segment)
 
     def of(window: Sequence[int]) -> float:
-        answer = window_residual(points, k, [segment[j] for j in window], rule)
-        if answer is None or isnan(points.unit[k, 0]):
+        result = window_residual(points, k, [segment[j] for j in window], rule)
+        if result is None or isnan(points.unit[k, 0]):
             return nan
-        spread = points.unit[k] * sqrt(points.variance[k] + answer[1])
-        return window_score(answer[0], spread, rule.significance)
+        spread = points.unit[k] * sqrt(points.variance[k] + result[1])
+        return window_score(result[0], spread, rule.significance)
 
     around = of(centred_window(p, m, rule.before, rule.after))
     if rule.sides == 'either':
@@ -276,9 +276,9 @@ def all_residuals(
     for segment in members:
         for p, k in enumerate(segment):
             window = centred_window(p, len(segment), rule.before, rule.after)
-            answer = window_residual(points, k, [segment[j] for j in window], rule)
-            if answer is not None:
-                found[k] = answer
+            result = window_residual(points, k, [segment[j] for j in window], rule)
+            if result is not None:
+                found[k] = result
     return found
 
 

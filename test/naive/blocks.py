@@ -27,7 +27,7 @@ class Cloud:
 
 
 class Blocks:
-    """Pushes clouds; ``answers`` has those that are finished."""
+    """Pushes clouds; ``results`` has those that are finished."""
 
     def __init__(  # noqa: PLR0913  the parameters of the stream
         self, kind: str, block: int, halo: int, lateness: int, jump: int, max_points: int
@@ -36,7 +36,7 @@ class Blocks:
         self.kind, self.block, self.halo = kind, block, halo
         self.lateness, self.jump, self.max_points = lateness, jump, max_points
         self.resets = 0
-        self.answers: list[Cloud] = []
+        self.results: list[Cloud] = []
         self.clear()
 
     def clear(self) -> None:
@@ -132,16 +132,16 @@ class Blocks:
         self.seen = [cloud for cloud in self.seen if cloud.last >= needed]
 
     def finish(self) -> None:
-        """Answer clouds in order."""
+        """Publish clouds in order."""
         while self.pending and self.pending[0].last < self.judged:
-            self.answers.append(self.pending.pop(0))
+            self.results.append(self.pending.pop(0))
 
     def flush_pending(self) -> None:
-        """Answer all, and go on."""
+        """Publish all, and go on."""
         self.judge(END)
         self.finish()
 
     def flush(self) -> None:
-        """Answer and forget all."""
+        """Publish and forget all."""
         self.flush_pending()
         self.clear()

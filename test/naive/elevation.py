@@ -71,18 +71,18 @@ def scores(  # noqa: PLR0913  all settings
     if len(cloud) <= k:
         return [nan] * len(cloud)
     beyond = set_apart([point[2] for point in cloud], gap, share)
-    answer = [b / gap if b > 0 else nan for b in beyond]
+    result = [b / gap if b > 0 else nan for b in beyond]
     left = [i for i, b in enumerate(beyond) if b == 0]
     if len(left) <= k:
-        return answer
+        return result
     body = [cloud[i] for i in left]
     axes = 2 if neighbours == 'map' else 3
     differences = [difference(body, p, k, axes) for p in range(len(body))]
     mean, sigma = fmean(differences), max(sigma_floor, stdev(differences))
     for i, m in zip(left, differences, strict=True):
         off = (m - mean) / (multiplier * sigma)
-        answer[i] = {'both': abs(off), 'low': off, 'high': -off}[sides]
-    return answer
+        result[i] = {'both': abs(off), 'low': off, 'high': -off}[sides]
+    return result
 
 
 # Against the ground: Zhang et al. (2003), "A progressive morphological filter" --------------------
@@ -172,15 +172,15 @@ def ground_scores(  # noqa: PLR0913  all settings
 ) -> list[float]:
     """Score the heights above the ground, between the centres of cells on straight lines."""
     west, south = (min(point[axis] for point in cloud) for axis in (0, 1))
-    places = [((x - west) / cell, (y - south) / cell) for x, y, _ in cloud]
-    rows, columns = (int(max(place[axis] for place in places)) + 1 for axis in (0, 1))
+    positions = [((x - west) / cell, (y - south) / cell) for x, y, _ in cloud]
+    rows, columns = (int(max(place[axis] for place in positions)) + 1 for axis in (0, 1))
     grid = [[inf] * columns for _ in range(rows)]
-    for (u, v), point in zip(places, cloud, strict=True):
+    for (u, v), point in zip(positions, cloud, strict=True):
         grid[int(u)][int(v)] = min(grid[int(u)][int(v)], point[2])
     known = [[z < inf for z in row] for row in grid]
     surface = ground(filled(grid, known), cell, widest, slope)
     found = []
-    for (u, v), point in zip(places, cloud, strict=True):
+    for (u, v), point in zip(positions, cloud, strict=True):
         crossed = {
             j: on_line({i: surface[i][j] for i in range(rows)}, u - 0.5) for j in range(columns)
         }

@@ -30,7 +30,7 @@ class Verdict(NamedTuple):
 
 
 def squared(a: Position, b: Position) -> float:
-    """Square of the distance between two places."""
+    """Square of the distance between two positions."""
     dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return dx * dx + dy * dy + dz * dz
 
@@ -44,37 +44,37 @@ def limit(lengths: Sequence[float], confidence: float) -> float:
     return median(lengths) + NormalDist().inv_cdf((1 + confidence) / 2) * spread
 
 
-def spanning_tree(places: Sequence[Position]) -> list[Edge]:
-    """Shortest edges that hold all places together, out of the complete graph (Prim)."""
+def spanning_tree(positions: Sequence[Position]) -> list[Edge]:
+    """Shortest edges that hold all positions together, out of the complete graph (Prim)."""
     edges = []
-    distance = {q: (squared(places[0], places[q]), 0) for q in range(1, len(places))}
+    distance = {q: (squared(positions[0], positions[q]), 0) for q in range(1, len(positions))}
     while distance:
         q = min(distance, key=lambda one: distance[one])
         edges.append((distance.pop(q)[1], q))
         for other, known in distance.items():
-            distance[other] = min(known, (squared(places[q], places[other]), q))
+            distance[other] = min(known, (squared(positions[q], positions[other]), q))
     return edges
 
 
-def gabriel_graph(places: Sequence[Position]) -> list[Edge]:
+def gabriel_graph(positions: Sequence[Position]) -> list[Edge]:
     """All pairs whose diametral ball is open and empty: no other place sees them at more than 90°.
 
-    Erratum: the paper speaks of the largest ball through both places; it means the smallest.
+    Erratum: the paper speaks of the largest ball through both positions; it means the smallest.
     """
-    xyz = np.array(places, np.float64).reshape(-1, 3)
+    xyz = np.array(positions, np.float64).reshape(-1, 3)
     away = xyz[:, None] - xyz  # from the second point to the first one
     edges = []
-    for p in range(len(places)):
+    for p in range(len(positions)):
         # For every q the angle in which every r sees p and q.
         x, y, z = np.moveaxis(away[p] * away, -1, 0)
         seen = ((x + y) + z < 0).any(axis=1)
-        edges += [(p, q) for q in range(p + 1, len(places)) if not seen[q]]
+        edges += [(p, q) for q in range(p + 1, len(positions)) if not seen[q]]
     return edges
 
 
-def prune(places: Sequence[Position], edges: Sequence[Edge], confidence: float) -> list[Edge]:
+def prune(positions: Sequence[Position], edges: Sequence[Edge], confidence: float) -> list[Edge]:
     """Cut the edges that are longer than the limit of all of them."""
-    lengths = [sqrt(squared(places[p], places[q])) for p, q in edges]
+    lengths = [sqrt(squared(positions[p], positions[q])) for p, q in edges]
     longest = limit(lengths, confidence)
     return [edge for edge, length in zip(edges, lengths, strict=True) if length <= longest]
 
@@ -113,24 +113,24 @@ def detect(
     if len(cloud) < min_cluster:
         return verdict
 
-    def size(places: Sequence[Position]) -> int:
-        return sum(len(members[place]) for place in places)
+    def size(positions: Sequence[Position]) -> int:
+        return sum(len(members[place]) for place in positions)
 
-    def settle(places: Sequence[Position], phase: int) -> bool:
-        small = size(places) < min_cluster
-        for i in (i for place in places for i in members[place]):
-            verdict.cluster[i] = size(places)
-            verdict.score[i] = min_cluster / size(places)
+    def settle(positions: Sequence[Position], phase: int) -> bool:
+        small = size(positions) < min_cluster
+        for i in (i for place in positions for i in members[place]):
+            verdict.cluster[i] = size(positions)
+            verdict.score[i] = min_cluster / size(positions)
             verdict.phase[i] = phase if small else 0
         return small
 
     everything = list(members)
     tree = prune(everything, spanning_tree(everything), global_confidence)
     for rough in components(len(everything), tree):
-        places = [everything[p] for p in rough]
-        if settle(places, 1):
+        positions = [everything[p] for p in rough]
+        if settle(positions, 1):
             continue
-        graph = prune(places, gabriel_graph(places), local_confidence)
-        for fine in components(len(places), graph):
-            settle([places[p] for p in fine], 2)
+        graph = prune(positions, gabriel_graph(positions), local_confidence)
+        for fine in components(len(positions), graph):
+            settle([positions[p] for p in fine], 2)
     return verdict

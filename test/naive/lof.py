@@ -27,13 +27,13 @@ def k_distance_squared(cloud: Cloud, p: int, k: int) -> float:
     """Square of the distance to the k-th nearest other point.
 
     Where that is 0, of the k-distinct-distance: to the k-th nearest other place at which points
-    are, or to the farthest if there are fewer; 0 if there is none.
+    are, or to the farthest if there are fewer; 0 without other points.
     """
     distances = sorted(squared(cloud[p], cloud[q]) for q in range(len(cloud)) if q != p)
     if distances[k - 1] > 0:
         return distances[k - 1]
-    places = {tuple(map(float, point)) for point in cloud}
-    distinct = sorted(d for d in (squared(cloud[p], place) for place in places) if d > 0)
+    positions = {tuple(map(float, point)) for point in cloud}
+    distinct = sorted(d for d in (squared(cloud[p], place) for place in positions) if d > 0)
     return distinct[min(k, len(distinct)) - 1] if distinct else 0.0
 
 

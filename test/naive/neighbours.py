@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Neighbours in space by looking at all points: the slow twin of the search in a tree.
+"""Neighbours in space by a scan of all points: the slow twin of the search in a tree.
 
 Nothing of the package is imported here, so that no mistake can be shared. Distances are squared:
 those of different pairs are equal exactly where their three differences give the same float64.

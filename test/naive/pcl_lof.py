@@ -12,7 +12,7 @@ Cloud = Sequence[Sequence[float]]
 
 
 def factors(cloud: Cloud, k: int) -> list[float]:
-    """LOF of each point by the letter of the code."""
+    """LOF of each point, computed exactly as in the code of PCL."""
     near: list[list[tuple[float, int]]] = []
     for p in cloud:
         square = [

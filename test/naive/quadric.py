@@ -279,7 +279,7 @@ class Window:
     """The points of a window, centred and scaled."""
 
     def __init__(self, points: Floats, variance: Floats | None, rules: Rules) -> None:
-        """Centre and scale; unit variances where there are none."""
+        """Centre and scale; unit variances by default."""
         mean = sum(p - points[0] for p in points) / len(points)
         self.points = np.array([(p - points[0]) - mean for p in points])
         self.scale = sqrt(sum(p @ p for p in self.points) / len(points))
@@ -466,10 +466,10 @@ class Window:
 
 def judge(points: Any, rules: Rules, variance: Any = None) -> list[float]:
     """Score the points (n, 3) of one window, whose variances are (n,) or None."""
-    places = np.asarray(points, float)
-    if len(places) < rules.fewest:
-        return [nan] * len(places)
-    return Window(places, variance, rules).judge()
+    positions = np.asarray(points, float)
+    if len(positions) < rules.fewest:
+        return [nan] * len(positions)
+    return Window(positions, variance, rules).judge()
 
 
 # Windows ------------------------------------------------------------------------------------------
@@ -498,12 +498,12 @@ def sections(
     points: Any, cores: Sequence[tuple[int, int]], section: int, rules: Rules, variance: Any = None
 ) -> list[float]:
     """Score points in tree order, by the ranges of the cores."""
-    places = np.asarray(points, float)
-    own = [nan] * len(places)
-    others: list[list[float]] = [[] for _ in places]
+    positions = np.asarray(points, float)
+    own = [nan] * len(positions)
+    others: list[list[float]] = [[] for _ in positions]
     for first, last in cores:
-        window = section_window(places, first, last, section)
-        scores = judge(places[window], rules, None if variance is None else variance[window])
+        window = section_window(positions, first, last, section)
+        scores = judge(positions[window], rules, None if variance is None else variance[window])
         for i, score in zip(window, scores, strict=True):
             if first <= i < last:
                 own[i] = score
@@ -513,29 +513,30 @@ def sections(
         score if score <= 1 or not other else min(other)
         for score, other in zip(own, others, strict=True)
     ]
-    return shared(places, scores)
+    return shared(positions, scores)
 
 
-def shared(places: Floats, scores: Sequence[float]) -> list[float]:
+def shared(positions: Floats, scores: Sequence[float]) -> list[float]:
     """Give coincident points the least of their scores; NaN does not count."""
     groups: dict[tuple[float, ...], list[float]] = {}
-    for place, score in zip(places, scores, strict=True):
+    for place, score in zip(positions, scores, strict=True):
         groups.setdefault(tuple(place + 0.0), []).append(score)
-    return [float(np.fmin.reduce(groups[tuple(place + 0.0)])) for place in places]
+    return [float(np.fmin.reduce(groups[tuple(place + 0.0)])) for place in positions]
 
 
 def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[float]:
     """Score points, each in the window of itself and its k nearest; these in tree order."""
-    places = np.asarray(points, float)
+    positions = np.asarray(points, float)
     rank = {int(i): position for position, i in enumerate(order)}
     result = []
-    for i, p in enumerate(places):
-        squared = [(q - p) ** 2 for q in places]
+    for i, p in enumerate(positions):
+        squared = [(q - p) ** 2 for q in positions]
         nearest = sorted(
-            range(len(places)), key=lambda j: ((squared[j][0] + squared[j][1]) + squared[j][2], j)
+            range(len(positions)),
+            key=lambda j: ((squared[j][0] + squared[j][1]) + squared[j][2], j),
         )
         others = [j for j in nearest if j != i]
         window = sorted([i, *others[:k]], key=rank.__getitem__)
-        scores = judge(places[window], rules)
+        scores = judge(positions[window], rules)
         result.append(scores[window.index(i)])
-    return shared(places, result)
+    return shared(positions, result)

@@ -17,7 +17,7 @@ def spread(flat: list[float], z: list[float], up: float, out: float) -> float:
 
 
 def peaks(count: list[int], least: int) -> list[int]:
-    """Return the tops between places that hold no more than half of them."""
+    """Return the tops between positions that hold no more than half of them."""
     found: list[int] = []
     begin = 0
     while begin < len(count):

@@ -28,7 +28,7 @@ def _squared(a: Position, b: Position) -> float:
     return (x * x + y * y) + z * z
 
 
-def places(xyz: list[Position]) -> list[int]:
+def first_of_each(xyz: list[Position]) -> list[int]:
     """Return the first point at the place of each."""
     return [xyz.index(place) for place in xyz]
 

@@ -99,7 +99,7 @@ SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'block': 0}, 'block must be from 0.001 to 60 s, got 0.0'),
     ({'time_field': 5}, 'time_field must be a string, got 5'),
     ({'time_unit': 'ms'}, "time_unit must be one of 'auto', 's', 'us', 'ns', got 'ms'"),
-    ({'chain': 3}, 'chain must be a list of texts, got 3'),
+    ({'chain': 3}, 'chain must be a list of strings, got 3'),
     ({'chain': []}, 'chain must be a list, without repetition, of one of '),
     ({'chain': ['alpha_beta_gamma'] * 2}, "got ['alpha_beta_gamma', 'alpha_beta_gamma']"),
     ({'chain': [['alpha_beta_gamma']]}, "got [['alpha_beta_gamma']]"),

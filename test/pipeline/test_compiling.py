@@ -203,13 +203,13 @@ def test_only_this_thread_is_kept_from_compiling(monkeypatch: pytest.MonkeyPatch
     """Another one may compile meanwhile; what is compiled can be used; listeners learn of it."""
     # Without a cache: what was kept of another run would be used.
     add: Any = njit(lambda x: x + 1)
-    answers: list[object] = []
+    results: list[object] = []
     compiled: list[str] = []
 
     def make_ready(*_arguments: object, **_options: object) -> None:
-        if not answers:
+        if not results:
             add(1)
-        answers.append(add(2))
+        results.append(add(2))
 
     monkeypatch.setattr(compiling, 'make_ready', make_ready)
     listeners.append(compiled.append)
@@ -217,14 +217,14 @@ def test_only_this_thread_is_kept_from_compiling(monkeypatch: pytest.MonkeyPatch
         chain = parameters('quadric', vote=1)
         assert not compiling.load(chain)
         assert compiled == []
-        thread = threading.Thread(target=lambda: answers.append(add(1)))
+        thread = threading.Thread(target=lambda: results.append(add(1)))
         thread.start()
         thread.join()
         assert compiled == [__name__]
         assert compiling.load(chain)
     finally:
         listeners.remove(compiled.append)
-    assert answers == [2, 3]
+    assert results == [2, 3]
 
 
 def test_shares_are_all_the_work() -> None:

@@ -46,7 +46,7 @@ def test_bits_are_described() -> None:
 
 
 def test_examples_are_run() -> None:
-    """Every file with an example in a docstring is among those that pytest looks into."""
+    """Every file with an example in a docstring is collected by pytest."""
     settings = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
     options = settings['tool']['pytest']['ini_options']
     assert '--doctest-modules' in options['addopts']

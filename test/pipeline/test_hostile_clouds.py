@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds and files of any kind, drawn at random: answered in full, or refused in one sentence.
+"""Clouds and files of any kind, drawn at random: processed in full, or refused in one sentence.
 
 The numbers are small here.
 """
@@ -38,7 +38,7 @@ def test_legal_clouds(cloud: Any) -> None:
 @FEW
 @given(broken_clouds())
 def test_broken_clouds(cloud: Any) -> None:
-    """A cloud that is not true is refused, or what is there of it is answered."""
+    """An inconsistent cloud is refused, or the points that it has are filtered."""
     judge(cloud)
 
 

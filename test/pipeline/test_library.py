@@ -85,13 +85,13 @@ def test_verdict(name: str) -> None:
 def test_missing_returns() -> None:
     """NaN, Inf and 0 0 0 are kept, untested, and change no other verdict."""
     xyz = floor()
-    missing = ~np.isfinite(xyz).all(axis=1) | (xyz == 0).all(axis=1)
+    no_return = ~np.isfinite(xyz).all(axis=1) | (xyz == 0).all(axis=1)
     verdict = detect_outliers(xyz)
-    assert np.count_nonzero(missing) == 12
-    assert np.isnan(verdict.score[missing]).all()
-    assert not verdict.outlier[missing].any()
-    assert not verdict.undecided[missing].any()
-    assert_same(verdict.take(~missing), detect_outliers(xyz[~missing]))
+    assert np.count_nonzero(no_return) == 12
+    assert np.isnan(verdict.score[no_return]).all()
+    assert not verdict.outlier[no_return].any()
+    assert not verdict.undecided[no_return].any()
+    assert_same(verdict.take(~no_return), detect_outliers(xyz[~no_return]))
 
 
 @pytest.mark.parametrize('kind', ['f4', '>f4', 'f8', '>f8', 'f2', 'i2', 'i8', 'u4'])
@@ -120,9 +120,9 @@ def test_as_the_filter(chain: list[str] | None) -> None:
     parameters: dict[str, object] = {'block': 60.0, 'max_delay': 61.0, 'time_field': 'tick'}
     parameters |= {'scores': True, 'time_reference': 'stamp', **LESS_STRICT}
     stream = CloudFilter(parameters, chain=chain)
-    answers = [one for part in np.array_split(rows, 7) for one in stream.push(part, stamp=0)]
-    answers += stream.flush()
-    found = np.concatenate([answer.outliers for answer in answers])
+    results = [one for part in np.array_split(rows, 7) for one in stream.push(part, stamp=0)]
+    results += stream.flush()
+    found = np.concatenate([result.outliers for result in results])
     verdict = detect_outliers(xyz, t=t, line=ring, chain=chain, parameters=LESS_STRICT)
     assert 20 < np.count_nonzero(verdict.outlier) < 0.1 * len(rows)
     assert found['tick'].tolist() == rows['tick'][verdict.outlier].tolist()
@@ -138,10 +138,10 @@ def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
     """Sweeps of a VLP-16, each judged by itself, have the verdict of the filter and of arrays."""
     stream = CloudFilter({'blocks': 'message', 'halo': 0.0, **STRICT})
     for sweep in sweeps:
-        (answer,) = stream.push(sweep)
+        (result,) = stream.push(sweep)
         verdict = detect_outliers(sweep, parameters=STRICT)
         rows = structured(sweep).reshape(-1)
-        assert bytes(answer.outliers.data) == rows[verdict.outlier].tobytes()
+        assert bytes(result.outliers.data) == rows[verdict.outlier].tobytes()
         assert 0 < np.count_nonzero(verdict.outlier) < 0.2 * len(rows)
         assert_same(detect_outliers(rows, parameters=STRICT), verdict)
 

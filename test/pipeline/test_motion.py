@@ -28,8 +28,8 @@ def still(
 ) -> list[SplitCloud]:
     """Filter clouds as they are."""
     clean = Pipeline(FilterParameters().changed({**SOR, **(extra or {})}))
-    answers = [answer for msg in clouds for answer in clean.process(msg, msg)]
-    return answers + clean.flush()
+    outputs = [output for msg in clouds for output in clean.process(msg, msg)]
+    return outputs + clean.flush()
 
 
 def f1(drive: Drive, found: NDArray[np.bool_]) -> float:
@@ -75,14 +75,14 @@ def test_spinning_sensor_is_judged_by_its_own_angles(cuts: int, delay: float) ->
     """The same verdicts with motion as without, byte for byte, and however clouds are cut."""
     boosted_trees = {'chain': ('boosted_trees',), 'scores': True}
     moving = Moving(boosted_trees)
-    answers = moving.run(spinning(cuts), Drive(0.4).odometry(), delay)
+    outputs = moving.run(spinning(cuts), Drive(0.4).odometry(), delay)
     assert moving.filter.statistics.without_pose == 0
-    found = b''.join(bytes(answer.outliers.data) for answer in answers)
-    assert len(answers) == cuts
+    found = b''.join(bytes(output.outliers.data) for output in outputs)
+    assert len(outputs) == cuts
     assert found == b''.join(
         bytes(one.outliers.data) for one in still(spinning(cuts), boosted_trees)
     )
-    assert sum(answer.outliers.width for answer in answers) > 100
+    assert sum(output.outliers.width for output in outputs) > 100
 
 
 def test_range_is_the_distance_from_the_sensor() -> None:
@@ -103,16 +103,16 @@ def test_a_cloud_waits_for_its_poses() -> None:
     assert [moving.filter.process(msg, msg) for msg in clouds] == [[]] * 5
     assert moving.filter.pending == 5
     assert moving.filter.oldest is clouds[0]
-    answers = []
+    outputs = []
     for msg in odometry:
         moving.motion.take(msg)
         made = moving.filter.advance()
-        answers += made
+        outputs += made
         # Block and halo of a cloud of 0.1 s end with the poses of the next one.
-        assert len(answers) <= max(0, (seconds(msg) + 1e-6) / 0.1 - 1)
-    assert [answer.tag for answer in answers] == clouds[:4]
-    answers += moving.filter.flush()
-    assert (rejected(drive, answers) == rejected(drive, Moving().run(clouds, odometry))).all()
+        assert len(outputs) <= max(0, (seconds(msg) + 1e-6) / 0.1 - 1)
+    assert [output.tag for output in outputs] == clouds[:4]
+    outputs += moving.filter.flush()
+    assert (rejected(drive, outputs) == rejected(drive, Moving().run(clouds, odometry))).all()
     assert moving.filter.statistics.without_pose == 0
 
 
@@ -124,8 +124,8 @@ def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
     counts = [len(moving.filter.process(msg, msg)) for msg in clouds]
     # A cloud goes on when one ends that is 0.5 s later, and is judged with the next one.
     assert counts == [0] * 6 + [1] * 4
-    answers = moving.filter.flush()
-    assert len(answers) == 6
+    outputs = moving.filter.flush()
+    assert len(outputs) == 6
     assert moving.filter.statistics.without_pose == 10
 
 
@@ -147,8 +147,8 @@ def test_points_with_and_without_poses_are_judged_apart() -> None:
     assert moving.filter.statistics.without_pose == 3
     assert np.count_nonzero(lost) == pytest.approx(0.22 * len(lost), abs=SHOTS)
     for part, xyz in ((lost, drive.own), (~lost, drive.fixed)):
-        missing = np.where(part[:, None], xyz, 0.0)
-        alone = rejected(drive, still(drive.clouds(missing)))
+        no_return = np.where(part[:, None], xyz, 0.0)
+        alone = rejected(drive, still(drive.clouds(no_return)))
         assert np.count_nonzero(alone) > 0
         # A mixture would hide the outliers of some, or reject the good points of others.
         assert np.count_nonzero((found != alone)[part]) <= (0 if part is lost else 2)
@@ -179,10 +179,10 @@ def test_refused_when_its_turn_has_come() -> None:
         assert moving.filter.process(msg, msg) == []
     for msg in drive.odometry():
         moving.motion.take(msg)
-    answers = moving.filter.advance()
+    outputs = moving.filter.advance()
     assert result != []
-    answers += moving.filter.flush()
-    assert [answer.tag for answer in answers] == clouds
+    outputs += moving.filter.flush()
+    assert [output.tag for output in outputs] == clouds
     assert moving.filter.statistics.refusals == {'the time of a cloud': 1}
     (sentence,) = result
     assert sentence.startswith('the time of a cloud must be at or after what is judged already')
@@ -237,8 +237,8 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     moving, clouds, odometry = looped(drive)
     if by_node:
         assert len(moving.filter.reset()) == 1
-    answers = moving.filter.process(clouds[0], clouds[0])
-    assert len(answers) == (0 if by_node else 1)
+    outputs = moving.filter.process(clouds[0], clouds[0])
+    assert len(outputs) == (0 if by_node else 1)
     assert moving.filter.pending == 1
     assert moving.filter.advance() == []
     # Elsewhere this time: 50 m to the right.

@@ -35,7 +35,7 @@ def mask(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def answers(
+def results(
     turns: list[Rows], parameters: dict[str, Any], parts: int = 1
 ) -> tuple[list[Any], CloudFilter]:
     """Filter turns, each cut into so many messages."""
@@ -57,17 +57,17 @@ def test_the_rest_is_judged_as_if_it_were_not_there(chain: list[str], mask: str)
     """All of the vehicle is an outlier; all other verdicts are those of clouds without it."""
     turns = [turn(number, rain=5) for number in range(20, 23)]
     given = {'chain': chain, 'scores': True}
-    with_mask, made = answers(turns, given | {'mask': mask})
-    without, other = answers([rows[rows['own'] == 0] for rows in turns], given)
-    found = [structured(answer.outliers).reshape(-1) for answer in with_mask]
+    with_mask, made = results(turns, given | {'mask': mask})
+    without, other = results([rows[rows['own'] == 0] for rows in turns], given)
+    found = [structured(result.outliers).reshape(-1) for result in with_mask]
     own = [rows['own'] == 1 for rows in found]
-    for rows, is_own, answer, alone in zip(found, own, with_mask, without, strict=True):
+    for rows, is_own, result, alone in zip(found, own, with_mask, without, strict=True):
         assert (rows['outlier_detectors'] == MASKED).tolist() == is_own.tolist()
         assert np.isinf(rows['outlier_score'][is_own]).all()
         assert set(rows['outlier_reason'][is_own].tolist()) == {MASKED_REASON}
         assert set(rows['outlier_detector_number'][is_own].tolist()) == {15}
         assert rows[~is_own].tobytes() == structured(alone.outliers).tobytes()
-        assert bytes(answer.cleaned.data) == bytes(alone.cleaned.data)
+        assert bytes(result.cleaned.data) == bytes(alone.cleaned.data)
     masked = sum(int(one.sum()) for one in own)
     assert masked == sum(int((rows['own'] == 1).sum()) for rows in turns) > 1000
     counts, alone = made.statistics, other.statistics
@@ -81,12 +81,12 @@ def test_partition_and_chunks(parts: int, mask: str) -> None:
     """However turns are cut: every point is once in one of the two, and always the same."""
     turns = [turn(number, rain=5) for number in range(20, 23)]
     given = {'chain': ['boosted_trees'], 'mask': mask, 'scores': True}
-    whole, _ = answers(turns, given)
-    cut, _ = answers(turns, given, parts)
+    whole, _ = results(turns, given)
+    cut, _ = results(turns, given, parts)
     for side in ('cleaned', 'outliers'):
         one, other = ([getattr(a, side) for a in some] for some in (whole, cut))
         assert rows_of(one) == rows_of(other)
-    plain, _ = answers(turns, {'chain': ['boosted_trees'], 'mask': mask}, parts)
+    plain, _ = results(turns, {'chain': ['boosted_trees'], 'mask': mask}, parts)
     both = rows_of([a.cleaned for a in plain]) + rows_of([a.outliers for a in plain])
     assert both == rows_of([cloud(rows) for rows in turns])
 
@@ -129,8 +129,8 @@ def test_organised_clouds_keep_their_shape(mask: str) -> None:
     rows = turn(20).reshape(-1, 16).T.copy()
     bare = _bare(rows)
     made = CloudFilter({'chain': ['sor'], 'mask': mask, 'keep_organized': True})
-    (answer,) = made.push(cloud(bare, stamp(0))) + made.flush()
-    holes = np.isnan(structured(answer.cleaned)['x'])
+    (result,) = made.push(cloud(bare, stamp(0))) + made.flush()
+    holes = np.isnan(structured(result.cleaned)['x'])
     assert holes[rows['own'] == 1].all()
 
 

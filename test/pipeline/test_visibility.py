@@ -56,7 +56,7 @@ def judged(rows: Floats, rejected: slice = slice(0)) -> StreamCloud:
 
 
 def watched(*turns: Floats, has_rings: bool = True) -> list[SensorView]:
-    """Look once for each turn."""
+    """Take a sample for each turn."""
     watch, found = SensorWatch(), []
     for rows in turns:
         watch.add(judged(rows), has_rings=has_rings)
@@ -80,8 +80,8 @@ def test_clean_streets_are_no_reason_to_warn() -> None:
     assert all(view.complaints(LIMITS) == [] for view in views)
     assert all(math.isnan(view.visibility) for view in views[:MIN_SAMPLES])
     assert all(view.visibility == math.inf for view in views[MIN_SAMPLES:])
-    assert all(np.nanmax(view.missing) < 0.1 for view in views[MIN_SAMPLES:])
-    assert np.isnan(views[0].missing).all()
+    assert all(np.nanmax(view.no_return) < 0.1 for view in views[MIN_SAMPLES:])
+    assert np.isnan(views[0].no_return).all()
 
 
 @pytest.mark.parametrize('visibility', [15.0, 25.0, 50.0, 100.0])
@@ -107,7 +107,7 @@ def test_dirt_on_a_sector(first: int, last: int) -> None:
     rows = street(99)
     dirty = rows[~((azimuth(rows) >= first) & (azimuth(rows) < last))]
     view = watched(*CLEAR, dirty)[-1]
-    assert np.flatnonzero(view.missing > 0.5).tolist() == list(range(first // 15, last // 15))
+    assert np.flatnonzero(view.no_return > 0.5).tolist() == list(range(first // 15, last // 15))
     (said,) = view.complaints(LIMITS)
     assert f'{first}° to {first + 15}°' in said
     assert view.visibility == math.inf
@@ -144,7 +144,7 @@ def test_limits_can_be_set() -> None:
 
 
 def test_without_rings_and_without_points() -> None:
-    """Clouds without rings are looked at as one; empty ones are looks that nothing comes of."""
+    """Clouds without rings are one sample; empty ones are samples without effect."""
     assert watched(*CLEAR, has_rings=False)[-1].complaints(LIMITS) == []
     nothing = np.zeros((0, 4))
     views = watched(nothing, *CLEAR, nothing)
@@ -155,9 +155,9 @@ def test_without_rings_and_without_points() -> None:
 @pytest.mark.parametrize(('usual', 'dirty', 'count'), [(0.6, 0.6, 0), (0.6, 1.0, 0), (0.3, 0.9, 1)])
 def test_fog_is_not_taken_for_dirt(usual: float, dirty: float, count: int) -> None:
     """What most sectors miss is the fog; a sector is blind by what it misses beyond that."""
-    missing = np.full(SECTORS, usual)
-    missing[7] = dirty
-    view = SensorView(np.zeros((SECTORS, len(BANDS))), missing, 20.0)
+    no_return = np.full(SECTORS, usual)
+    no_return[7] = dirty
+    view = SensorView(np.zeros((SECTORS, len(BANDS))), no_return, 20.0)
     said = view.complaints(LIMITS)
     assert said[0] == 'the visibility is 20 m'
     assert [one.count('°') for one in said[1:]] == [2] * count

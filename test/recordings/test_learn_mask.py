@@ -53,7 +53,7 @@ def test_learns_of_a_drive(metres: float | None, parts: int, tmp_path: Path) -> 
     bag = record(tmp_path / 'drive', metres=metres, parts=parts)
     found = learn_mask(bag, FilterParameters())
     assert (found.topic, found.odometry) == ('/lidar', '' if metres is None else '/odom')
-    assert found.looks == found.taken == TURNS
+    assert found.turns == found.taken == TURNS
     assert found.mask.is_seen[2:12].any(axis=1).all()
     assert not found.mask.is_seen[12:].any()
 

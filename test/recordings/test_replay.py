@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, content, topic_of
-from helpers.replays import REAL, check_answers, cloud, write_drive
+from helpers.replays import REAL, check_outputs, cloud, write_drive
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
@@ -36,7 +36,7 @@ def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
     (topic,) = report.topics
     assert topic.messages == len(before[topic.topic])
     assert 0 < topic.rejected < 0.2 * topic.points
-    check_answers(before, after, topic.topic)
+    check_outputs(before, after, topic.topic)
 
 
 LOADED = """
@@ -86,7 +86,7 @@ def test_everything_else_is_copied(tmp_path: Path) -> None:
     before, after = content(source), content(tmp_path / 'out')
     assert {topic: after[topic] for topic in before} == before
     assert set(after) - set(before) == {'/lidar/cleaned', '/lidar/outliers'}
-    check_answers(before, after, '/lidar')
+    check_outputs(before, after, '/lidar')
     (topic,) = report.topics
     assert (topic.messages, topic.points, topic.refused) == (12, 2400, 0)
     assert topic.rejected >= 30
@@ -132,7 +132,7 @@ def test_refused_clouds_are_counted(tmp_path: Path) -> None:
     before, after = content(source), content(tmp_path / 'out')
     assert {name: after[name] for name in before} == before
     del before['/lidar'][2:4]
-    check_answers(before, after, '/lidar')
+    check_outputs(before, after, '/lidar')
 
 
 @pytest.mark.parametrize(
@@ -189,10 +189,10 @@ def test_two_types_on_one_topic(tmp_path: Path) -> None:
     'values',
     [
         *({'blocks': blocks} for blocks in ('auto', 'message', 'time')),
-        {'block': 60.0, 'max_delay': 100.0},  # answered at the end
+        {'block': 60.0, 'max_delay': 100.0},  # published at the end
     ],
 )
-def test_a_cloud_stands_before_its_answers(tmp_path: Path, values: dict[str, object]) -> None:
+def test_a_cloud_stands_before_its_outputs(tmp_path: Path, values: dict[str, object]) -> None:
     """At equal times a cloud comes before its outputs: cleaned, then outliers."""
     source = write_drive(tmp_path / 'drive', map(cloud, range(6)))
     replay(source, tmp_path / 'out', parameters=values)
@@ -260,11 +260,11 @@ import sys
 from pathlib import Path
 from lidar_outlier_filter.recordings.replay import replay
 
-def look(done, total):
+def show(done, total):
     if done % 1200 == 0:
         print(Path('/proc/self/status').read_text())
 
-replay(Path(sys.argv[1]), Path(sys.argv[2]), progress=look)
+replay(Path(sys.argv[1]), Path(sys.argv[2]), progress=show)
 """
 
 

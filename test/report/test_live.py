@@ -71,7 +71,7 @@ def test_short_clouds_lie_in_one_frame() -> None:
 
 
 def test_rejected_points_stay_first() -> None:
-    """A large sweep is thinned, which its frame says; places are as exact as its box."""
+    """A large sweep is thinned, which its frame says; positions are as exact as its box."""
     clouds, large = LiveClouds(), cloud(0, 0.1, 3 * MAX_IN_FRAME, 500)
     view = np.linspace(0, 1, 3 * MAX_IN_FRAME, dtype=np.float32).view([('intensity', '<f4')])
     clouds.add(large, view)

@@ -121,7 +121,7 @@ def test_pictures(desktop: Page) -> None:
 
 
 def test_slider(desktop: Page, found: Gathered, snow: Path, tmp_path: Path) -> None:
-    """It counts what a replay rejects, in all places; it names the settings."""
+    """It counts what a replay rejects, everywhere; it names the settings."""
     slider = found.sliders[0]
     step = slider.given - 3
     move(desktop, step)
@@ -470,16 +470,16 @@ def test_without_webgl(browser: Browser, written: Path) -> None:
     };"""
     with opened(browser, written, DESKTOP, none) as page:
         assert 'Pictures only' in text_of(page, '#shown')
-        look = "[...document.querySelectorAll('.flat')].map((one) => one.toDataURL())"
-        before, many = page.evaluate(look), counted(page)
+        canvases = "[...document.querySelectorAll('.flat')].map((one) => one.toDataURL())"
+        before, many = page.evaluate(canvases), counted(page)
         move(page, 0)
         assert counted(page) > many
-        assert all(one != other for one, other in zip(before, page.evaluate(look), strict=True))
+        assert all(one != other for one, other in zip(before, page.evaluate(canvases), strict=True))
         assert len(before) == 2
 
 
 # Of each text its contrast with what is behind it (WCAG 2), and what stands in no landmark.
-LOOK = """() => {
+STATE = """() => {
   const light = (text) => {
     const [r, g, b] = text.match(/[\\d.]+/g).slice(0, 3).map((one) => one / 255)
       .map((one) => (one <= 0.03928 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4));
@@ -516,7 +516,7 @@ def test_everybody_can_read_it(
     with opened(browser, written, size, color_scheme=scheme, has_touch=True) as page:
         page.locator('#groups li:first-child button').click()
         page.locator('[data-tool=measure]').click()
-        found = page.evaluate(LOOK)
+        found = page.evaluate(STATE)
         assert found['count'] > 80
         assert found['faint'] == []
         assert found['nowhere'] == []

@@ -69,14 +69,14 @@ class Page(NamedTuple):
                 connection.sendall(request.encode('latin-1'))
                 if ended:
                     connection.shutdown(socket.SHUT_WR)
-            answer = b''
+            result = b''
             with suppress(ConnectionResetError):
                 while data := connection.recv(1 << 16):
-                    answer += data
-        return answer
+                    result += data
+        return result
 
     def status(self, request: str, *, ended: bool = True) -> int:
-        """Return the status of the answer."""
+        """Return the status of the response."""
         return int(self.ask(request, ended=ended).split(maxsplit=2)[1])
 
     def headers(self, *more: str) -> str:
@@ -112,7 +112,7 @@ def test_a_stranger_is_refused(page: Page, target: str, method: str) -> None:
 
 
 def test_a_stranger_is_refused_before_he_has_said_all(page: Page) -> None:
-    """The answer does not wait for content that never comes."""
+    """The response does not wait for content that never comes."""
     head = 'POST /set?token=x HTTP/1.1\r\n' + page.headers('Content-Length: 5')
     with closing(socket.create_connection(('127.0.0.1', page.server.port), TIMEOUT)) as stranger:
         stranger.sendall(head.encode())
@@ -123,9 +123,9 @@ def test_a_stranger_is_refused_before_he_has_said_all(page: Page) -> None:
 def test_after_is_a_number(page: Page, after: str) -> None:
     """Anything else is refused in a sentence that is not longer than a line."""
     address = f'/frames?token={page.server.token}&topic=/points&after={after}'
-    answer = page.ask(f'GET {address} HTTP/1.1\r\n' + page.headers())
-    assert answer.startswith(b'HTTP/1.1 400 ')
-    sentence = answer.rpartition(b'\r\n\r\n')[2].decode()
+    result = page.ask(f'GET {address} HTTP/1.1\r\n' + page.headers())
+    assert result.startswith(b'HTTP/1.1 400 ')
+    sentence = result.rpartition(b'\r\n\r\n')[2].decode()
     assert sentence.startswith('after must be a whole number from -1 to ')
     assert len(sentence) < 200
     assert page.errors == []
@@ -155,8 +155,8 @@ def test_what_makes_sense_is_served(page: Page) -> None:
     set_ = f'POST /set?token={token} HTTP/1.1\r\n'
     set_ += page.headers(f'Content-Length: {len(content)}') + content
     frames = f'GET /frames?token={token}&topic=/points HTTP/1.1\r\n' + page.headers()
-    answer = page.ask(set_ + frames + set_)
-    assert answer.count(b'HTTP/1.1 200 OK') == 3
+    result = page.ask(set_ + frames + set_)
+    assert result.count(b'HTTP/1.1 200 OK') == 3
     assert page.node.values == [{'a': '1', 'b': '\ud800'}] * 2
     page.node.values.clear()
 
@@ -169,8 +169,8 @@ def test_connections_are_bounded(page: Page) -> None:
     with ExitStack() as stack:
         friend = stack.enter_context(closing(HTTPConnection(*address)))
         friend.request('GET', status)
-        answer = friend.getresponse()
-        assert (answer.status, answer.read()[:1]) == (200, b'{')
+        result = friend.getresponse()
+        assert (result.status, result.read()[:1]) == (200, b'{')
         connection = friend.sock
         strangers = [
             stack.enter_context(closing(socket.create_connection(address)))
@@ -221,9 +221,9 @@ def test_any_request(  # noqa: PLR0913  the parts of one
     known = {'TOKEN': page.server.token, 'HOST': f'127.0.0.1:{page.server.port}'}
     head = ''.join(f'{name}: {known.get(value, value)}\r\n' for name, value in headers)
     target = target.replace('TOKEN', known['TOKEN'])
-    answer = page.ask(f'{method} {target} {version}\r\n{head}\r\n{content}')
-    if answer.startswith(b'HTTP/1.1 '):
-        assert int(answer.split(maxsplit=2)[1]) in KNOWN | {100}
+    result = page.ask(f'{method} {target} {version}\r\n{head}\r\n{content}')
+    if result.startswith(b'HTTP/1.1 '):
+        assert int(result.split(maxsplit=2)[1]) in KNOWN | {100}
     assert page.errors == []
     address = f'/status?token={page.server.token}'
     assert page.status(f'GET {address} HTTP/1.1\r\n' + page.headers()) == 200
@@ -231,9 +231,9 @@ def test_any_request(  # noqa: PLR0913  the parts of one
 
 def test_diagnostics_in_a_browser(browser: Browser) -> None:
     """Visibility is a table of its own, unknown values are dashes, no value is squeezed."""
-    rejected, missing = np.full((SECTORS, len(BANDS)), 0.25), np.full(SECTORS, np.nan)
+    rejected, no_return = np.full((SECTORS, len(BANDS)), 0.25), np.full(SECTORS, np.nan)
     rejected[3] = np.nan
-    values = SensorView(rejected, missing, np.inf).values()
+    values = SensorView(rejected, no_return, np.inf).values()
     node = Settable()
     node.statuses = lambda: [  # type: ignore[method-assign]
         {

@@ -24,8 +24,8 @@ def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
     """Return the topics of a node with their types, and the fields of its outlier clouds."""
     node = ros.filter(parameters={'scores': True})
     process(node, line(0.0))
-    (answer,) = flush(node)
-    fields = {str(field.name) for field in answer.outliers.fields}
+    (output,) = flush(node)
+    fields = {str(field.name) for field in output.outliers.fields}
     node.start()
     listed = node.get_publisher_names_and_types_by_node(NODE_NAME, '/')
     return {name: kinds[0] for name, kinds in listed}, fields

@@ -11,7 +11,7 @@ import pytest
 from lidar_outlier_filter.parameters.node import LoadParameters
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 
-FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.DEGRADE, Treatment.PASS, Treatment.DROP
+FILTER, DEGRADE, PASS, DROP = Treatment.FILTER, Treatment.DEGRADE, Treatment.PASS, Treatment.DROP
 
 
 def cloud(name: object, size: int = 1, at: int = 0) -> Received:
@@ -89,17 +89,17 @@ def test_what_waits_can_be_discarded() -> None:
 
 
 def test_the_end_comes_with_the_last_clouds() -> None:
-    """Nobody looks between the two: a thread that does waits until both are there."""
+    """No thread polls between the two: it waits until both are there."""
     inbox, seen = Inbox(LoadParameters()), []
-    looking = threading.Thread(target=lambda: seen.append((inbox.done, inbox.clouds)))
+    waiting = threading.Thread(target=lambda: seen.append((inbox.done, inbox.clouds)))
 
     def last() -> Iterator[Received]:
-        looking.start()
-        looking.join(0.05)
+        waiting.start()
+        waiting.join(0.05)
         yield cloud(1)
 
     inbox.close(last())
-    looking.join(60)
+    waiting.join(60)
     assert seen == [(False, 1)]
 
 
@@ -144,7 +144,7 @@ def decide(overload: Overload, policy: str, *waits: tuple[float, float]) -> list
 
 
 def test_drop_oldest() -> None:
-    """Dropped is what cannot be answered in time, unless it is the newest."""
+    """A cloud is dropped if it cannot be published in time, unless it is the newest."""
     waits = ((0.9, 0), (0.1, 0.89), (0.1, 0.91), (0, 5), (0.001, 0.91))
     assert decide(Overload(), 'drop_oldest', *waits) == [FILTER, FILTER, DROP, FILTER, DROP]
 
@@ -158,11 +158,11 @@ def test_pass_through(much: tuple[float, float]) -> None:
     assert found == [FILTER, PASS, PASS, PASS, FILTER, FILTER]
 
 
-def test_shed() -> None:
+def test_degrade() -> None:
     """From half on the smoother alone, from three quarters nobody, until nothing waits."""
     waits = ((0.4, 0), (0.5, 0), (0.75, 0), (0.74, 0), (0.1, 0.89), (0.1, 0.91), (0.1, 0), (0, 0))
     found = decide(Overload(), 'degrade', *waits)
-    assert found == [FILTER, SHED, PASS, SHED, PASS, PASS, SHED, FILTER]
+    assert found == [FILTER, DEGRADE, PASS, DEGRADE, PASS, PASS, DEGRADE, FILTER]
 
 
 def test_the_verdict_takes_time_too() -> None:

@@ -56,8 +56,8 @@ class Player:
             self.ros.executor.spin_once(0.05)
         wait_for_thread(self.node)
 
-    def answered(self) -> int:
-        """Count the clouds that were answered."""
+    def published(self) -> int:
+        """Count the clouds that were published."""
         wait_for_thread(self.node)
         return self.node.channels[0].statistics.messages
 
@@ -66,7 +66,7 @@ class Player:
         self.ros.client.destroy_publisher(self._clock)
 
 
-def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
+def test_a_recording_played_slowly_flushes_nothing_early(ros: Ros) -> None:
     """Simulated time counts: until max_delay is over on /clock, a cloud waits for its block."""
     player = Player(ros, '-p', 'max_delay:=0.4')
     player.set(0.0)
@@ -76,10 +76,10 @@ def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
     while time.monotonic() < began + 0.5:
         seconds += 0.001
         player.set(min(seconds, 0.19))  # half of max_delay is kept for the verdict, at most
-        assert player.answered() == 0
+        assert player.published() == 0
     player.set(0.37)
     player.set(0.371)  # the thread was woken by the one before
-    assert player.answered() == 1
+    assert player.published() == 1
     assert player.node.channels[0].statistics.outliers == 1
 
 
@@ -91,21 +91,21 @@ def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
     player.send(0.137)
     player.set(0.75)
     player.send(5.0)
-    assert player.answered() == 1
+    assert player.published() == 1
     tally = player.node.channels[0].health._tally
     assert tally.delays == pytest.approx([0.5], abs=1e-6)
     assert tally.ages == pytest.approx([0.75 - 0.137], abs=1e-6)
 
 
 def test_back_to_the_beginning(ros: Ros) -> None:
-    """A recording that loops: what waits is answered, the stream begins anew; counted once."""
+    """A recording that loops: pending clouds are published, the stream is reset; counted once."""
     player = Player(ros, '-p', 'max_delay:=5.0')
     for _ in range(3):
         player.set(0.0)
         player.send(0.0)
         player.set(10.0)
         player.send(10.0)
-    assert player.answered() == 5
+    assert player.published() == 5
     assert player.node.channels[0].statistics.resets == 2
     assert player.node.channels[0].statistics.refused == 0
     player.node.finish()
@@ -119,12 +119,12 @@ def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
     player.set(10.0)
     player.send(10.0)
     player.send(0.0)  # the sensor's clock goes back
-    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
+    assert (player.published(), player.node.channels[0].statistics.resets) == (1, 1)
     player.set(0.0)
     player.send(0.01)
-    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
+    assert (player.published(), player.node.channels[0].statistics.resets) == (1, 1)
     player.send(0.2)
-    assert player.answered() == 3
+    assert player.published() == 3
 
 
 def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
@@ -142,7 +142,7 @@ def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
     received = [item.at - STAMP for item in inbox._items if isinstance(item, Received)]
     assert received == [0, 0]
     go_on.set()
-    assert (player.answered(), player.node.channels[0].statistics.resets) == (1, 1)
+    assert (player.published(), player.node.channels[0].statistics.resets) == (1, 1)
 
 
 def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
@@ -174,16 +174,16 @@ def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
     clock.steady_now = lambda: now  # type: ignore[method-assign]
     for resets, seconds in ((0, 10.0), (1, 0.0), (1, 10.0), (1, 0.0)):
         player.set(seconds)
-        assert player.answered() == 0
+        assert player.published() == 0
         assert player.node.channels[0].statistics.resets == resets
     now += 60 * SECOND
     player.set(-1.0)
-    player.answered()
+    player.published()
     assert player.node.channels[0].statistics.resets == 2
 
 
 def test_the_clock_ends(ros: Ros) -> None:
-    """At the end of a recording nothing can come any more: all is answered, and the node warns."""
+    """At the end of a recording no more clouds can come: all are published, and the node warns."""
     player = Player(ros, '-p', 'max_delay:=5.0')
     player.set(0.0)
     player.send(0.0)
@@ -195,13 +195,13 @@ def test_the_clock_ends(ros: Ros) -> None:
 
 @pytest.mark.parametrize('simulated', [False, True])
 def test_another_clock(ros: Ros, *, simulated: bool) -> None:
-    """What waits by one clock is answered when another is set; then that one counts."""
+    """Clouds timed by the previous clock are published when another is set, which then counts."""
     player = Player(ros, '-p', 'max_delay:=5.0', simulated=simulated)
     if simulated:
         player.set(0.0)
     player.send(0.0)
     player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
-    assert player.answered() == 1
+    assert player.published() == 1
     assert player.node.channels[0]._clock.is_simulated != simulated
     player.send(0.3)
-    assert player.answered() == 1
+    assert player.published() == 1

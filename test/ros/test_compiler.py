@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters wait for their kernels beside the filter, and those that are wanted last win."""
+"""Parameters wait for their kernels beside the filter, and the last request wins."""
 
 import queue
 import threading
@@ -67,7 +67,7 @@ def test_what_is_ready_takes_over_at_once(loading: Loading) -> None:
     assert (beside.reply, beside.compiling) == ('', '')
 
 
-def test_the_old_one_answers_until_then(loading: Loading) -> None:
+def test_the_old_one_filters_until_then(loading: Loading) -> None:
     """The reply names both; before there is an old one, there is nothing to say."""
     loading.ready.append(FIRST)
     beside = Beside()
@@ -78,7 +78,7 @@ def test_the_old_one_answers_until_then(loading: Loading) -> None:
     assert beside.taken.get(timeout=TIMEOUT) == SECOND
     beside.request(THIRD)
     assert beside.reply.startswith('quadric takes over when its kernels are ready')
-    assert beside.reply.endswith('sor answers until then')
+    assert beside.reply.endswith('sor filters until then')
     loading.go_on.release()
     assert beside.taken.get(timeout=TIMEOUT) == THIRD
     beside.stop()
@@ -86,7 +86,7 @@ def test_the_old_one_answers_until_then(loading: Loading) -> None:
 
 
 def test_the_last_wins(loading: Loading) -> None:
-    """Whatever is loaded already; what was wanted before never takes over."""
+    """Whatever is loaded already; what was requested before never takes over."""
     beside = Beside()
     for number, requested in enumerate((FIRST, SECOND, THIRD, THIRD_STRICT)):
         beside.request(requested)
@@ -96,7 +96,7 @@ def test_the_last_wins(loading: Loading) -> None:
     assert beside.taken.get(timeout=TIMEOUT) == THIRD_STRICT
     loading.ready.append(FIRST)
     beside.request(FOURTH)
-    beside.request(FIRST)  # is ready: FOURTH is not wanted any more
+    beside.request(FIRST)  # is ready: FOURTH is no longer requested
     assert beside.taken.get(timeout=TIMEOUT) == FIRST
     loading.go_on.release()
     beside.stop()

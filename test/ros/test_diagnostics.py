@@ -42,12 +42,12 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
     for number, msg in enumerate(sweeps, 1):
         sensor.publish(msg, expected=number)
         sensor.publish(broken(), expected=number)
-        sensor.wait_for_answers()
+        sensor.wait_for_outputs()
     counts = node.channels[0].statistics
-    looks: list[Diagnosis] = []
+    history: list[Diagnosis] = []
 
     def is_all(found: Diagnosis) -> bool:
-        looks.append(found)
+        history.append(found)
         return found['messages'] == found['refused'] == 4
 
     found = ros.diagnosis(is_all)
@@ -61,11 +61,11 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert found['invalid'] == counts.invalid
     assert found['refused'] == found['refused for point_step'] == 4
     for name in ('delay since received', 'processing time'):
-        for look in looks:
-            assert look[f'{name}, p50, ms'] <= look[f'{name}, p95, ms'] <= look[f'{name}, max, ms']
-        assert max(look[f'{name}, p50, ms'] for look in looks) > 0
+        for one in history:
+            assert one[f'{name}, p50, ms'] <= one[f'{name}, p95, ms'] <= one[f'{name}, max, ms']
+        assert max(one[f'{name}, p50, ms'] for one in history) > 0
     # The stamps are of the day that the clouds were recorded.
-    assert max(look['delay since stamp, p50, ms'] for look in looks) > 1e9
+    assert max(one['delay since stamp, p50, ms'] for one in history) > 1e9
 
 
 @pytest.mark.slow
@@ -121,17 +121,17 @@ def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
 def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Neither of the clouds is made without a subscriber; all points are judged."""
     node = ros.filter('-p', 'scores:=true')
-    (answer,) = process(node, sweeps[0]) + flush(node)
-    assert answer.cleaned is not None
-    assert answer.outliers is not None
+    (output,) = process(node, sweeps[0]) + flush(node)
+    assert output.cleaned is not None
+    assert output.outliers is not None
     outliers = node.channels[0].statistics.outliers
     node.start()
     cleaned: list[PointCloud2] = []
 
     def taken(msg: PointCloud2) -> list[tuple[bool, bool]]:
         made = process(node, msg) + flush(node)
-        cleaned.extend(answer.cleaned for answer in made)
-        return [(answer.cleaned is not None, answer.outliers is not None) for answer in made]
+        cleaned.extend(output.cleaned for output in made)
+        return [(output.cleaned is not None, output.outliers is not None) for output in made]
 
     assert taken(sweeps[0]) == [(False, False)]
     assert node.channels[0].statistics.outliers == 2 * outliers > 0

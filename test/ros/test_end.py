@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The end of a node: all that was received is answered first, whichever thread runs when."""
+"""The end of a node: all received clouds are published first, whichever thread runs when."""
 
 import sys
 import threading
 
 import pytest
 from helpers.nodes import Ros, hold_up, line
-from helpers.overload import answers, send, start
+from helpers.overload import results, send, start
 from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
@@ -25,7 +25,7 @@ def test_large_clouds_at_the_end(ros: Ros) -> None:
         node.finish()
     finally:
         sys.setswitchinterval(before)
-    assert [number for number, _ in answers(ros, sensor, 20)] == list(range(20))
+    assert [number for number, _ in results(ros, sensor, 20)] == list(range(20))
     assert node.channels[0].waiting == node.channels[0].health._missed['dropped'] == 0
 
 
@@ -37,13 +37,13 @@ def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
         sensor.publish(line(0.01 * number), expected=10**9)
     assert sensor._publisher.wait_for_all_acked()
     node.finish()
-    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
+    assert results(ros, sensor, 20) == [(number, 1) for number in range(20)]
     assert node.channels[0].statistics.bypassed == {}
     assert node.channels[0].statistics.degraded == 0
 
 
 @pytest.mark.parametrize('in_turn', [False, True])
-def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> None:
+def test_the_end_while_the_filter_polls(ros: Ros, *, in_turn: bool) -> None:
     """What comes when it has just found nothing, and the end behind it, are still done."""
     node, sensor = start(ros)
     channel = node.channels[0]
@@ -64,7 +64,7 @@ def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> No
     assert node.channels[0].waiting == 1
     assert channel.worker.inbox.clouds == 0
     node.finish()
-    assert answers(ros, sensor, 1) == [(0, 1)]
+    assert results(ros, sensor, 1) == [(0, 1)]
 
 
 def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
@@ -84,7 +84,7 @@ def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
     go_on.set()
     node.finish()
     found = [0 if number in (3, 4) else 1 for number in range(7)]
-    assert answers(ros, sensor, 7) == list(enumerate(found))
+    assert results(ros, sensor, 7) == list(enumerate(found))
 
 
 def test_stopped_with_clouds_in_wait(ros: Ros) -> None:

@@ -30,8 +30,8 @@ from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 TOPIC = '/velodyne_points'
-ANSWERS = ('cleaned', 'outliers')
-# Nothing is to be lost by a queue that is too short, and nobody to be hurried by a slow machine.
+OUTPUTS = ('cleaned', 'outliers')
+# No cloud may be lost by a short queue, and none flushed early by a slow machine.
 PARAMETERS = f"""
 /**:
   ros__parameters:
@@ -50,19 +50,19 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     return filtering('--params-file', str(path), *remap, env=env)
 
 
-def direct_answers(recording: Path, blocks: str = 'time') -> list[SplitCloud]:
+def direct_outputs(recording: Path, blocks: str = 'time') -> list[SplitCloud]:
     """Filter a recording by calling the node in this process, as a replay does."""
     context = Context()
     rclpy.init(args=[], context=context)
     given = {'blocks': blocks}
     node = OutlierFilterNode(parameters=given, context=context, use_global_arguments=False)
     messages = [deserialize_message(data, PointCloud2) for data in clouds(recording)]
-    answers = [answer for msg in messages for answer in process(node, msg)] + flush(node)
+    results = [result for msg in messages for result in process(node, msg)] + flush(node)
     node.destroy_node()
     context.try_shutdown()
-    assert len(answers) == len(messages)
-    assert sum(answer.outliers.width for answer in answers) > 0
-    return answers
+    assert len(results) == len(messages)
+    assert sum(result.outliers.width for result in results) > 0
+    return results
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_live_equals_replay(
     """
     env = environment()
     recording = recordings / 'bags' / name
-    topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
+    topics = [f'{TOPIC}/{kind}' for kind in OUTPUTS]
     given = f'{PARAMETERS}    blocks: {blocks}\n'
     with (
         collector(tmp_path, topics, env) as collecting,
@@ -96,10 +96,10 @@ def test_live_equals_replay(
         collecting.close()
         assert collecting.wait() == 0
     assert 'Traceback' not in '\n'.join(node.output)
-    expected = direct_answers(recording, blocks)
-    assert len(list(tmp_path.glob('*.cdr'))) == len(expected) * len(ANSWERS)
-    for index, answer in enumerate(expected):
-        for kind, cloud in zip(ANSWERS, (answer.cleaned, answer.outliers), strict=True):
+    expected = direct_outputs(recording, blocks)
+    assert len(list(tmp_path.glob('*.cdr'))) == len(expected) * len(OUTPUTS)
+    for index, result in enumerate(expected):
+        for kind, cloud in zip(OUTPUTS, (result.cleaned, result.outliers), strict=True):
             received = (tmp_path / f'{kind}_{index}.cdr').read_bytes()
             # Not the serialised bytes: what is between aligned fields is random.
             assert deserialize_message(received, PointCloud2) == cloud

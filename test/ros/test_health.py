@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a look at the health of a topic finds, with numbers worked out by hand."""
+"""What a sample of the health of a topic has, with numbers worked out by hand."""
 
 from collections import Counter
 from xml.etree import ElementTree as ET
@@ -25,29 +25,29 @@ NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0
 
 
-def look(
+def take_sample(
     health: Health, limits: HealthLimits | None = None, seconds: float = 2.0
 ) -> tuple[int, str, dict[str, str], dict[str, float]]:
-    """Look, with nothing that waits."""
+    """Take a sample, with nothing pending."""
     report = health.sample(seconds, limits or HealthLimits(), MAX_DELAY, NOTHING)
     return report.level, report.message, report.values, report.plotted
 
 
-def test_what_has_happened_since_the_last_look() -> None:
-    """Rates, shares and times are those since the last look; counts are those since the start."""
+def test_counts_since_the_last_sample() -> None:
+    """Rates, shares and times are those since the last sample; counts are those since the start."""
     health = Health()
     for points in (100, 300):
         health.received()
         health.read(points)
     for delay in (0.1, 0.3, 0.2, 0.4):
-        health.answered(delay, 10 * delay)
+        health.published(delay, 10 * delay)
     counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
     counts.refusals, counts.bypassed = CountsByReason({'the fields': 2}), Counter(disabled=1)
     counts.poses, counts.methods = CountsByReason({'a pose': 3}), Counter(trees=7)
     health.spent(0.05)
     health.counted(counts)
-    level, _, values, plotted = look(health, HealthLimits(unfiltered_warn=1.0))
+    level, _, values, plotted = take_sample(health, HealthLimits(unfiltered_warn=1.0))
     assert level == OK
     assert values == {
         'clouds/s': '1.0',
@@ -95,7 +95,7 @@ def test_what_has_happened_since_the_last_look() -> None:
     health.counted(counts)
     health.received()
     health.read(600)
-    _, _, values, plotted = look(health, seconds=0.5)
+    _, _, values, plotted = take_sample(health, seconds=0.5)
     assert (values['clouds/s'], values['points/s']) == ('2.0', '1200')
     assert plotted['rejected_share'] == 300 / 600
     assert (plotted['refused'], values['refused']) == (1, '3')
@@ -112,8 +112,8 @@ def test_delay(delays: list[float], level: int) -> None:
     health = Health()
     health.received()
     for delay in delays:
-        health.answered(delay, 0)
-    assert look(health)[0] == level
+        health.published(delay, 0)
+    assert take_sample(health)[0] == level
 
 
 @pytest.mark.parametrize('middleware', PROFILES)
@@ -121,7 +121,8 @@ def test_the_advice_is_for_the_middleware(middleware: str) -> None:
     """What helps with large clouds is a file of the package, for each middleware another."""
     health = Health(middleware)
     health.missed(LOST, 1)
-    assert f'; for large clouds set {PROFILES[middleware]} for both sides' in look(health)[1]
+    advice = f'; for large clouds set {PROFILES[middleware]} for both sides'
+    assert advice in take_sample(health)[1]
     assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
 
 
@@ -132,28 +133,28 @@ def test_what_is_not_filtered() -> None:
         health.received()
     health.missed(LOST, 2)
     health.missed(DROPPED)
-    health.answered(0.1, 0.1)
+    health.published(0.1, 0.1)
     health.counted(Statistics(bypassed=Counter(overload=1, disabled=5)))
-    level, message, values, plotted = look(health)
+    level, message, values, plotted = take_sample(health)
     assert level == WARN
     assert message == (
         'clouds not filtered as asked: 4 (2 lost on the way, 1 dropped, 1 passed unfiltered); '
         'received in the same time: 6; '
         'for large clouds set config/fastdds_large_clouds.xml for both sides'
     )
-    assert [plotted[name] for name in ('lost', 'dropped', 'passed')] == [2, 1, 1]
+    assert [plotted[name] for name in ('lost', 'dropped', 'bypassed')] == [2, 1, 1]
     assert (values['lost'], values['dropped']) == ('2', '1')
     health.received()
-    assert look(health)[:2] == (OK, 'clouds are filtered in time')
+    assert take_sample(health)[:2] == (OK, 'clouds are filtered in time')
     for _ in range(2):
         health.received()
     health.missed(DROPPED)
-    health.answered(0.1, 0.1)
+    health.published(0.1, 0.1)
     said = 'clouds not filtered as asked: 1 (1 dropped); received in the same time: 2'
-    assert look(health)[1] == said
+    assert take_sample(health)[1] == said
     health.received()
     health.missed(DROPPED, 2)
-    assert look(health)[0] == ERROR
+    assert take_sample(health)[0] == ERROR
 
 
 # Limits that complain of nothing.
@@ -166,24 +167,24 @@ PATIENT = HealthLimits(
 
 @pytest.mark.parametrize('oldest', [0.0, 0.9 * MAX_DELAY, 1.1 * MAX_DELAY, 100 * MAX_DELAY])
 def test_who_waits_longer_than_max_delay_is_not_well(oldest: float) -> None:
-    """Whatever the limits are: by the age of what waits, not by that of what was answered."""
+    """Whatever the limits are: by the age of pending clouds, not of published ones."""
     health = Health()
     health.received()
-    health.answered(0.01, 0.01)
+    health.published(0.01, 0.01)
     found = health.sample(1.0, PATIENT, MAX_DELAY, Backlog(0, 0.0, 1, oldest=oldest))
     assert (found.level == OK) is (oldest <= MAX_DELAY)
-    assert ('no answer for' in found.message) is (oldest > MAX_DELAY)
+    assert ('no output for' in found.message) is (oldest > MAX_DELAY)
 
 
 def test_who_drops_everything_is_not_well() -> None:
-    """As soon as that lasts longer than max_delay; an answer ends it."""
+    """As soon as that lasts longer than max_delay; an output ends it."""
     health = Health()
     for number in range(4):
         health.received()
         health.missed(DROPPED)
         found = health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING)
         assert (found.level == OK) is (number < 2)
-    health.answered(0.01, 0.01)
+    health.published(0.01, 0.01)
     health.missed(DROPPED)
     assert health.sample(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
 
@@ -203,7 +204,7 @@ def test_shares_of_points(name: str, text: str, levels: dict[int, int]) -> None:
         counts = Statistics(points=100)
         setattr(counts, name, count)
         health.counted(counts)
-        found, message = look(health)[:2]
+        found, message = take_sample(health)[:2]
         assert found == level
         assert level == OK or message == f'{count:.1f}% of the points are {text}'
 
@@ -211,9 +212,9 @@ def test_shares_of_points(name: str, text: str, levels: dict[int, int]) -> None:
 def test_silence() -> None:
     """Without clouds a warning, then an error; with the next cloud all is well."""
     health = Health()
-    found = [look(health, seconds=1.0)[0] for _ in range(12)]
+    found = [take_sample(health, seconds=1.0)[0] for _ in range(12)]
     assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
     health.received()
-    assert look(health)[:2] == (OK, 'clouds are filtered in time')
+    assert take_sample(health)[:2] == (OK, 'clouds are filtered in time')
     report = health.sample(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
     assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')

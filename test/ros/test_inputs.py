@@ -22,7 +22,7 @@ BOTH = {
 
 
 def test_each_has_its_own_stream(ros: Ros) -> None:
-    """Clouds of one neither complete nor refuse those of the other; answers go to their topics."""
+    """Clouds of one neither complete nor refuse those of the other; outputs go to their topics."""
     node = ros.filter(namespace='front', parameters=BOTH)
     node.start()
     node._diagnostics._timer.cancel()
@@ -42,7 +42,7 @@ def test_each_has_its_own_stream(ros: Ros) -> None:
             while channel.health._tally.clouds == received:
                 ros.executor.spin_once(0.05)
     for sensor in sensors:
-        sensor.wait_for_answers()
+        sensor.wait_for_outputs()
         assert [msg.width for msg in sensor.outliers] == [1, 1, 1]
     # The last cloud may still wait to be refused.
     while node.channels[1].statistics.refused < 4:
@@ -54,7 +54,7 @@ def test_each_has_its_own_stream(ros: Ros) -> None:
 
 
 def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
-    """Where the thread of one has failed, the others answer what they have received."""
+    """Where the thread of one has failed, the others publish what they have received."""
     node = ros.filter(parameters=BOTH)
     node.start()
     node.channels[0].worker.inbox.order(lambda: 1 / 0)
@@ -95,7 +95,7 @@ def test_each_has_a_row_of_the_table(ros: Ros) -> None:
 @pytest.mark.parametrize(
     ('inputs', 'sentence'),
     [
-        ([], 'inputs must be a list of texts, got None'),
+        ([], 'inputs must be a list of strings, got None'),
         (['/points', 'points'], r"inputs must be different topics, got \['/points', 'points'\]"),
         (['a b'], "a topic of inputs must be a topic name that ROS 2 allows, got 'a b'"),
         (['', 'a'], r"inputs must be a list, without repetition, of texts, got \['', 'a'\]"),
@@ -103,7 +103,7 @@ def test_each_has_a_row_of_the_table(ros: Ros) -> None:
     ],
 )
 def test_refused(ros: Ros, inputs: list[str], sentence: str) -> None:
-    """Topics that are none, or the same."""
+    """Invalid or equal topics."""
     text = '[' + ', '.join(f"'{name}'" for name in inputs) + ']'
     with pytest.raises(ParameterError, match=f'^{sentence}$'):
         ros.filter('-p', f'inputs:={text}')

@@ -56,7 +56,7 @@ def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
     sensor.wait_for_filter(node)
     for count, sweep in enumerate(sweeps, 1):
         sensor.publish(sweep, count)
-        sensor.wait_for_answers()
+        sensor.wait_for_outputs()
     stop = threading.Event()
 
     def spin() -> None:
@@ -79,12 +79,12 @@ def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
 
 
 def get(server: PageServer, path: str, host: str = '', method: str = 'GET') -> tuple[int, bytes]:
-    """Ask the server for a path, as if it had this name; return the status and the answer."""
+    """Ask the server for a path, as if it had this name; return the status and the response."""
     body = b'{}' if method == 'POST' else None
     with closing(HTTPConnection('127.0.0.1', server.port, timeout=10)) as connection:
         connection.request(method, path, body, headers={'Host': host or f'127.0.0.1:{server.port}'})
-        answer = connection.getresponse()
-        return answer.status, answer.read()
+        result = connection.getresponse()
+        return result.status, result.read()
 
 
 def test_page_shows_the_node_and_sets_it(served: Served) -> None:
@@ -167,7 +167,7 @@ def test_only_this_machine_with_the_token(ros: Ros) -> None:
 def test_a_browser_that_leaves(
     ros: Ros, capsys: pytest.CaptureFixture[str], error: type[Exception], *, is_said: bool
 ) -> None:
-    """A tab that is closed before its answer came is no error of the node."""
+    """A tab that is closed before its response came is no error of the node."""
 
     def leave() -> None:
         raise error

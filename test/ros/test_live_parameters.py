@@ -28,12 +28,12 @@ SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
     """A block is never torn in two: the parameters in force at its end judge all of it."""
     node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0', *SMOOTHER)
-    answers = [answer for i in range(5) for answer in process(node, line(0.01 * i), i)]
-    assert [answer.tag for answer in answers] == [0, 1, 2, 3]  # 4 and 5 are a block
+    outputs = [output for i in range(5) for output in process(node, line(0.01 * i), i)]
+    assert [output.tag for output in outputs] == [0, 1, 2, 3]  # 4 and 5 are a block
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
-    answers += [answer for i in range(5, 9) for answer in process(node, line(0.01 * i), i)]
-    answers += flush(node)
-    assert rejected(answers) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
+    outputs += [output for i in range(5, 9) for output in process(node, line(0.01 * i), i)]
+    outputs += flush(node)
+    assert rejected(outputs) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
 
 
 def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
@@ -42,8 +42,8 @@ def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
     node = ros.filter('-p', f'save_to:={path}', '-p', 'halo:=0.02')
     node.start()
     assert ros.set(alpha_beta_gamma__significance=1e-9, gap_factor=2.5) == ['', '']
-    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
-    assert (answer.success, answer.message) == (True, str(path))
+    output = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert (output.success, output.message) == (True, str(path))
     assert [item.name for item in path.parent.iterdir()] == [path.name]
     again = ros.filter('--params-file', str(path), '-r', '__node:=again')
     assert values(again) == values(node)
@@ -73,8 +73,8 @@ def test_where_parameters_are_saved(  # noqa: PLR0913
     node = ros.filter(namespace=namespace, parameters={'save_to': save_to})
     node.start()
     for _ in range(2):
-        answer = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
-        assert (answer.success, answer.message) == (True, str(tmp_path / expected))
+        output = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
+        assert (output.success, output.message) == (True, str(tmp_path / expected))
     assert (tmp_path / expected).is_file()
 
 
@@ -111,10 +111,10 @@ def test_a_name_that_no_file_can_have(
     monkeypatch.chdir(tmp_path)
     node = ros.filter(parameters={'save_to': name})
     node.start()
-    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
-    assert not answer.success
+    output = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not output.success
     said = 'the parameters were not saved: the file must be one that can be written, got '
-    assert answer.message.startswith(said)
+    assert output.message.startswith(said)
     assert list(tmp_path.iterdir()) == []
     assert ros.set(save_to=str(tmp_path / 'saved.yaml')) == ['']
     assert ros.call(Trigger, 'save_parameters', Trigger.Request()).success
@@ -136,17 +136,17 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     ros.client.create_subscription(ParameterEvent, '/parameter_events', note, 10)
     while not node.count_subscribers('/parameter_events'):
         ros.executor.spin_once(0.05)
-    answer = ros.call(Trigger, 'reset', Trigger.Request())
+    output = ros.call(Trigger, 'reset', Trigger.Request())
     changed = ['gap_factor', 'alpha_beta_gamma.before', 'alpha_beta_gamma.order']
-    assert (answer.success, answer.message) == (
+    assert (output.success, output.message) == (
         True,
         f'as at the start again: {", ".join(changed)}',
     )
     assert values(node) == before
     assert node.filter_parameters.gap_factor == 3.0
     assert ros.wait(result) == set(changed)
-    answer = ros.call(Trigger, 'reset', Trigger.Request())
-    assert (answer.success, answer.message) == (True, 'as at the start again: nothing to do')
+    output = ros.call(Trigger, 'reset', Trigger.Request())
+    assert (output.success, output.message) == (True, 'as at the start again: nothing to do')
 
 
 def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
@@ -171,17 +171,17 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     sensor.publish(sweeps[0], expected=1)
     while node.channels[0].statistics.messages + node.channels[0].waiting == 0:
         ros.executor.spin_once(0.05)
-    answer = ros.call(SetBool, 'enable', SetBool.Request(data=False))
-    assert (answer.success, answer.message) == (True, 'clouds pass unfiltered')
+    output = ros.call(SetBool, 'enable', SetBool.Request(data=False))
+    assert (output.success, output.message) == (True, 'clouds pass unfiltered')
     for number in (1, 2):
         sensor.publish(sweeps[number], expected=number + 1)
-        sensor.wait_for_answers()
+        sensor.wait_for_outputs()
     assert ros.call(SetBool, 'enable', SetBool.Request(data=True)).message == 'filtering'
     sensor.publish(sweeps[3], expected=4)
     while node.channels[0].statistics.messages + node.channels[0].waiting == 3:
         ros.executor.spin_once(0.05)
     node.finish()
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert [msg.header for msg in sensor.cleaned] == [msg.header for msg in sweeps]
     assert [msg.width > 100 for msg in sensor.outliers] == [True, False, False, True]
     assert [msg.width for msg in sensor.outliers][1:3] == [0, 0]
@@ -207,8 +207,8 @@ def test_a_file_of_somebody_else_is_kept(ros: Ros, tmp_path: Path, kind: str) ->
     else:
         saved.write_text('notes: of mine\n' if kind == 'file' else '# mine\n/**:\n')
     before = saved.read_text()
-    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
-    assert not answer.success
-    assert 'the file must be a new one, or one that was saved here, got' in answer.message
+    output = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not output.success
+    assert 'the file must be a new one, or one that was saved here, got' in output.message
     assert saved.read_text() == before
     assert saved.is_symlink() == (kind == 'link')

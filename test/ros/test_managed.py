@@ -10,7 +10,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.node import ManagedFilterNode
 
-ANSWERS = {'/points/cleaned', '/points/outliers'}
+OUTPUTS = {'/points/cleaned', '/points/outliers'}
 
 
 class Manager:
@@ -40,10 +40,10 @@ def make(ros: Ros, **parameters: object) -> tuple[ManagedFilterNode, Manager]:
 
 
 def topics(node: ManagedFilterNode) -> tuple[set[str], bool]:
-    """Return which of the answers are advertised, and whether clouds are subscribed to."""
+    """Return which of the outputs are advertised, and whether clouds are subscribed to."""
     published = node.get_publisher_names_and_types_by_node(NODE_NAME, '/')
     subscribed = [item.topic_name for item in node.subscriptions]
-    return ANSWERS & {name for name, _ in published}, '/points' in subscribed
+    return OUTPUTS & {name for name, _ in published}, '/points' in subscribed
 
 
 def send(ros: Ros, node: ManagedFilterNode, sensor: Sensor, first: int, count: int) -> None:
@@ -58,29 +58,29 @@ def send(ros: Ros, node: ManagedFilterNode, sensor: Sensor, first: int, count: i
 
 
 def receive(ros: Ros, sensor: Sensor, count: int) -> None:
-    """Serve until so many clouds have both answers."""
+    """Serve until so many clouds have both outputs."""
     while min(len(sensor.cleaned), len(sensor.outliers)) < count:
         ros.executor.spin_once(0.05)
 
 
 def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
-    """What is received while it is active is answered; nothing is received or sent otherwise."""
+    """Clouds received while it is active are published; nothing is received or sent otherwise."""
     node, manager = make(ros)
     assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
     assert topics(node) == (set(), False)
     assert manager.change(Transition.TRANSITION_CONFIGURE)
     assert manager.state() == State.PRIMARY_STATE_INACTIVE
-    assert topics(node) == (ANSWERS, False)
+    assert topics(node) == (OUTPUTS, False)
     assert 'is ready' not in capfd.readouterr().err
     assert manager.change(Transition.TRANSITION_ACTIVATE)
-    assert topics(node) == (ANSWERS, True)
+    assert topics(node) == (OUTPUTS, True)
     wait_for_kernels(node)
     assert 'is ready' in capfd.readouterr().err
     sensor = Sensor(ros, '/points')
     send(ros, node, sensor, 0, 5)
     assert sensor.cleaned == []
     assert manager.change(Transition.TRANSITION_DEACTIVATE)
-    assert topics(node) == (ANSWERS, False)
+    assert topics(node) == (OUTPUTS, False)
     receive(ros, sensor, 5)
     sensor.publish(line(1.0), expected=10**9)
     assert ros.set(gap_factor=1.7) == ['']

@@ -47,21 +47,21 @@ def test_live(ros: Ros) -> None:
     while node.channels[0].statistics.messages < len(clouds) - 1:
         ros.executor.spin_once(0.05)
     node.finish()
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert [msg.header for msg in sensor.outliers] == [msg.header for msg in clouds]
-    answers = [type('SplitCloud', (), {'outliers': msg}) for msg in sensor.outliers]
-    assert (rejected(drive, answers) == expected).all()  # type: ignore[arg-type]
+    results = [type('SplitCloud', (), {'outliers': msg}) for msg in sensor.outliers]
+    assert (rejected(drive, results) == expected).all()  # type: ignore[arg-type]
     assert node.channels[0].statistics.without_pose == 0
 
 
-def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
+def test_without_odometry_clouds_are_published_in_time(ros: Ros) -> None:
     """Judged without, and said of; when it comes, the next ones are judged with it."""
     drive = Drive(0.5)
     clouds = drive.clouds(drive.own)
     node, sensor, publisher = start(ros, max_delay=0.5)
     ros.diagnosis()  # from here on none is missed
     sensor.publish(clouds[0], expected=1)
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert node.channels[0].statistics.without_pose == 1
     found = ros.diagnosis(lambda found: found['without_pose'] == 1)
     assert '1 (1 judged without poses)' in found.message
@@ -72,7 +72,7 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     wait_for_thread(node)
     for number, msg in enumerate(clouds[1:], 2):
         sensor.publish(msg, expected=number)
-        sensor.wait_for_answers()
+        sensor.wait_for_outputs()
     assert node.channels[0].statistics.without_pose == 1
     assert node.channels[0].statistics.refused == 0
 
@@ -87,7 +87,7 @@ def test_poses_wake_the_thread(ros: Ros) -> None:
     wait_for_thread(node)
     for pose in drive.odometry():
         publisher.publish(pose)
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert node.channels[0].statistics.without_pose == 0
 
 
@@ -111,7 +111,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     while not channel._motion.reaches(last, ''):
         ros.executor.spin_once(0.05)
     go_on.set()
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert node.channels[0].statistics.without_pose == 0
 
 

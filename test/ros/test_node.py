@@ -42,7 +42,7 @@ STRICT = {'boosted_trees.threshold': 0.5}
     ],
 )
 def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str) -> None:
-    """The answers are named after the input."""
+    """The outputs are named after the input."""
     node = ros.filter(input_topic=topic, namespace=namespace)
     node.start()
     assert full in [item.topic_name for item in node.subscriptions]
@@ -113,21 +113,21 @@ def test_says_once_that_it_is_ready(
 # Clouds
 
 
-def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Each cloud has one answer with its tag and header, refused ones have none; all is counted."""
+def test_one_output_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Each cloud has one output with its tag and header, refused ones have none; all is counted."""
     node = ros.filter(parameters=STRICT)
-    answers = process(node, sweeps[0], 0)
+    results = process(node, sweeps[0], 0)
     assert process(node, broken(), 'broken') == []
     for tag, msg in enumerate(sweeps[1:], 1):
-        answers += process(node, msg, tag)
-    answers += flush(node)
-    assert [answer.tag for answer in answers] == [0, 1, 2, 3]
-    for answer, msg in zip(answers, sweeps, strict=True):
-        assert answer.cleaned.header == answer.outliers.header == msg.header
-        assert answer.cleaned.width + answer.outliers.width == msg.width
+        results += process(node, msg, tag)
+    results += flush(node)
+    assert [result.tag for result in results] == [0, 1, 2, 3]
+    for result, msg in zip(results, sweeps, strict=True):
+        assert result.cleaned.header == result.outliers.header == msg.header
+        assert result.cleaned.width + result.outliers.width == msg.width
     assert node.channels[0].statistics.messages == 4
     assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
-    assert node.channels[0].statistics.outliers == sum(rejected(answers))
+    assert node.channels[0].statistics.outliers == sum(rejected(results))
     assert node.channels[0].statistics.rejected == {
         'boosted_trees': node.channels[0].statistics.outliers
     }
@@ -151,7 +151,7 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
 
 
 def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """A live cloud whose block never completes is answered in time; the stream goes on."""
+    """A live cloud whose block never completes is published in time; the stream goes on."""
     node = ros.filter('-p', 'max_delay:=0.3')
     node.start()
     sensor = Sensor(ros, '/points')
@@ -160,7 +160,7 @@ def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2
     for number, msg in enumerate(sweeps, 1):
         begin = time.monotonic()
         sensor.publish(msg, expected=number)
-        waits.append(sensor.wait_for_answers() - begin)
+        waits.append(sensor.wait_for_outputs() - begin)
     # A loaded machine may hold this process up for a while, but hardly each time.
     assert min(waits) < 0.3
     assert max(waits) < 2.0
@@ -179,7 +179,7 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
     channel = node.channels[0]
 
     def deadline_after(msg: PointCloud2 | bytes) -> int:
-        """Publish, serve until the cloud was taken, and say when it is to be answered (ns)."""
+        """Publish, serve until the cloud was received, and return when it is due (ns)."""
         served = node.channels[0].statistics.refused + node.channels[0].waiting
         sensor.publish(msg, expected=99)
         while node.channels[0].statistics.refused + node.channels[0].waiting == served:
@@ -198,10 +198,10 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
 def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Clouds that are in the queue of the middleware are judged and published before the end.
 
-    By the default chain, and what is published is what a direct call answers.
+    By the default chain; published clouds equal those of a direct call.
     """
     direct = ros.filter(namespace='direct', parameters=STRICT)
-    expected = [answer for msg in sweeps for answer in process(direct, msg)] + flush(direct)
+    expected = [result for msg in sweeps for result in process(direct, msg)] + flush(direct)
     reliable = 'qos_overrides./points.subscription.reliability:=reliable'
     node = ros.filter('-p', reliable, parameters=STRICT)
     node.start()
@@ -212,11 +212,11 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     assert sensor._publisher.wait_for_all_acked()
     assert node.channels[0].statistics.messages == 0
     node.finish()
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert node.channels[0].statistics.messages == 4
     assert node.channels[0].statistics.refusals == {'a serialised cloud': 1}
-    assert sensor.cleaned == [answer.cleaned for answer in expected]
-    assert sensor.outliers == [answer.outliers for answer in expected]
+    assert sensor.cleaned == [result.cleaned for result in expected]
+    assert sensor.outliers == [result.outliers for result in expected]
     assert sum(rejected(expected)) > 50
 
 

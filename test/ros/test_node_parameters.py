@@ -175,7 +175,7 @@ def _plain(value: object) -> object:
     [
         (['-p', 'gap_factr:=2'], r"a known one, got 'gap_factr' \(did you mean 'gap_factor'\?\)"),
         (['-p', 'halo:=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
-        (['-p', 'chain:=[]'], 'chain must be a list of texts, got None'),
+        (['-p', 'chain:=[]'], 'chain must be a list of strings, got None'),
         (['-p', 'max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),
         (
             ['-p', 'alpha_beta_gamma.order:=2', '-p', 'alpha_beta_gamma.before:=3'],

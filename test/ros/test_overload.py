@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 from helpers.nodes import Ros, hold_up, line, wait_for_thread
-from helpers.overload import answers, send, start
+from helpers.overload import results, send, start
 from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
 
@@ -25,7 +25,7 @@ def held_up(node: OutlierFilterNode) -> Iterator[None]:
 
 
 def test_what_waits_is_reported(ros: Ros) -> None:
-    """Clouds and bytes to be filtered, clouds without an answer, who publishes, what is done."""
+    """Clouds and bytes to be filtered, clouds without output, who publishes, what is done."""
     node, sensor = start(ros, block=0.1)
     channel = node.channels[0]
     send(ros, node, sensor, 1)
@@ -51,7 +51,7 @@ def test_drop_oldest(ros: Ros) -> None:
         send(ros, node, sensor, 25)
         assert node.channels[0].waiting == 10
     node.finish()
-    assert answers(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
+    assert results(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
     assert node.channels[0].statistics.messages == 10
     assert node.channels[0].health._missed['dropped'] == 15
 
@@ -63,7 +63,7 @@ def test_drop_oldest(ros: Ros) -> None:
 def test_losses_are_in_the_log(
     ros: Ros, capfd: pytest.CaptureFixture[str], policy: str, lost: str
 ) -> None:
-    """A line at the end names the policy and counts what no look at the health has seen."""
+    """A line at the end names the policy and counts clouds after the last sample."""
     node, sensor = start(ros, load__policy=policy)
     with held_up(node):
         send(ros, node, sensor, 25)
@@ -75,7 +75,7 @@ def test_losses_are_in_the_log(
 
 
 def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
-    """Also where there is room: it could not be answered within max_delay."""
+    """Also where there is room: it could not be published within max_delay."""
     node, sensor = start(ros, max_delay=0.4, load__clouds=100)
     with held_up(node):
         send(ros, node, sensor, 20)
@@ -85,7 +85,7 @@ def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
             ros.executor.spin_once(0.05)
     node.finish()
     # The newest is filtered: nothing is gained by dropping it.
-    assert answers(ros, sensor, 1) == [(19, 1)]
+    assert results(ros, sensor, 1) == [(19, 1)]
     assert node.channels[0].health._missed['dropped'] == 19
 
 
@@ -97,13 +97,13 @@ def test_pass_through(ros: Ros) -> None:
     send(ros, node, sensor, 3, first=9)
     node.finish()
     expected = [0] * 8 + [1] * 4  # behind the ninth nothing waits
-    assert answers(ros, sensor, 12) == list(enumerate(expected))
+    assert results(ros, sensor, 12) == list(enumerate(expected))
     assert node.channels[0].statistics.bypassed == {'overload': 8}
     assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
 
 
 def test_what_passes_waits_for_nobody(ros: Ros) -> None:
-    """Clouds before it are answered with what is there: their blocks would not be complete soon."""
+    """Clouds before it are published at once: their blocks would not be complete soon."""
     node, sensor = start(ros, load__policy='pass_through', block=0.1, max_delay=60.0)
     send(ros, node, sensor, 1)
     wait_for_thread(node)
@@ -115,7 +115,7 @@ def test_what_passes_waits_for_nobody(ros: Ros) -> None:
     assert node.channels[0].statistics.bypassed == {'overload': 8}
 
 
-def test_shed(ros: Ros) -> None:
+def test_degrade(ros: Ros) -> None:
     """The slow detectors are off while there is too much; each cloud is tested along its line."""
     node, sensor = start(
         ros, chain=['alpha_beta_gamma', 'sor'], load__policy='degrade', sor__multiplier=0.0
@@ -127,9 +127,9 @@ def test_shed(ros: Ros) -> None:
     node.finish()
     # A cloud is judged with the next one, and behind the seventh nothing waits; with this
     # multiplier sor rejects many.
-    found = [width > 10 for _, width in answers(ros, sensor, 10)]
+    found = [width > 10 for _, width in results(ros, sensor, 10)]
     assert found == [False] * 5 + [True] * 5
-    assert [width for _, width in answers(ros, sensor, 10)][:5] == [1] * 5
+    assert [width for _, width in results(ros, sensor, 10)][:5] == [1] * 5
     assert node.channels[0].statistics.degraded == 6
 
 
@@ -141,8 +141,8 @@ def test_shed(ros: Ros) -> None:
         {'chain': ['alpha_beta_gamma', 'sor'], 'vote': 2},
     ],
 )
-def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
-    """Where the smoother alone could reject nothing, shedding is passing."""
+def test_nothing_to_degrade(ros: Ros, parameters: dict[str, object]) -> None:
+    """Where the smoother alone could reject nothing, degraded clouds pass unfiltered."""
     node, sensor = start(ros, load__policy='degrade', **parameters)
     with held_up(node):
         send(ros, node, sensor, 7)

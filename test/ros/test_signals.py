@@ -21,7 +21,7 @@ print('finishing', flush=True)
 {busy}
 """
 WAITS = 'threading.Event().wait()'
-COMPUTES = 'sum(range(10**15))'  # in C: Python looks at no signal before it is done
+COMPUTES = 'sum(range(10**15))'  # in C: Python handles no signal before it ends
 
 
 @pytest.mark.parametrize(

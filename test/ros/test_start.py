@@ -25,15 +25,15 @@ def test_start_without_kernels(tmp_path: Path) -> None:
     """The node reports that it compiles; clouds pass unfiltered until then, and none is lost."""
     env = {**environment(), **fresh_copy(tmp_path, '__pycache__')}
     with Watch(env, [f'chain:=[{FIRST}]']) as watch:
-        watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
+        watch.serve(lambda: bool(watch.samples) and watch.samples[-1].filtered > 0)
         found = watch.settle()
-        before = [look for look in watch.looks if not look.filtered]
+        before = [sample for sample in watch.samples if not sample.filtered]
         assert watch.stop() == 0
         log = watch.log()
-    assert found.filtered + found.passed == len(watch.answers) == watch.sent
-    assert found.passed == found.count('unfiltered for compiling') > 0
-    assert any(f'compiling {FIRST}; clouds pass unfiltered' in look.message for look in before)
-    assert all(look.level >= WARN for look in before)
+    assert found.filtered + found.bypassed == len(watch.published) == watch.sent
+    assert found.bypassed == found.count('unfiltered for compiling') > 0
+    assert any(f'compiling {FIRST}; clouds pass unfiltered' in sample.message for sample in before)
+    assert all(sample.level >= WARN for sample in before)
     assert log.count('compiling') == 1
     assert log.index('compiling') < log.index('is ready')
     assert 'Traceback' not in log
@@ -41,27 +41,27 @@ def test_start_without_kernels(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_the_old_chain_answers_until_the_new_one_can(tmp_path: Path) -> None:
+def test_the_old_chain_filters_until_the_new_one_can(tmp_path: Path) -> None:
     """The reply says so, and so do the diagnostics; no cloud is lost, and none waits."""
     env = {**environment(), **fresh_copy(tmp_path, SOME_OF_SECOND)}
     with Watch(env, [f'chain:=[{FIRST}]', 'max_delay:=5.0']) as watch:
-        watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
-        before, answered = watch.looks[-1], len(watch.answers)
+        watch.serve(lambda: bool(watch.samples) and watch.samples[-1].filtered > 0)
+        before, count_before = watch.samples[-1], len(watch.published)
         client = AsyncParameterClient(watch.node, NODE_NAME)
         reply = client.set_parameters([Parameter('chain', value=[SECOND])])
         watch.serve(reply.done)
         result = reply.result().results[0]
         names = f'rejected by {SECOND}', f'undecided by {SECOND}'
-        watch.serve(lambda: any(name in watch.looks[-1].values for name in names))
-        said = [look for look in watch.looks if f'compiling {SECOND}' in look.message]
+        watch.serve(lambda: any(name in watch.samples[-1].values for name in names))
+        said = [sample for sample in watch.samples if f'compiling {SECOND}' in sample.message]
         found = watch.settle()
         assert watch.stop() == 0
     assert result.successful
     assert result.reason.startswith(f'{SECOND} takes over when its kernels are ready')
     assert said
     assert said[-1].count('messages') > said[0].count('messages') > 0
-    assert {look.level for look in said} == {WARN}
-    assert len(watch.answers) > answered
-    assert found.filtered + found.passed == watch.sent - found.count('dropped')
-    assert (found.passed, found.count('dropped')) == (before.passed, before.count('dropped'))
+    assert {sample.level for sample in said} == {WARN}
+    assert len(watch.published) > count_before
+    assert found.filtered + found.bypassed == watch.sent - found.count('dropped')
+    assert (found.bypassed, found.count('dropped')) == (before.bypassed, before.count('dropped'))
     assert found.level == OK or found.message

@@ -212,7 +212,7 @@ def test_a_clock_that_was_set_back() -> None:
     drive(tf, straight(0, 0.3, 0.1))
     assert not tf.reaches(at(0.1), 'wheel')
     assert [tf.reaches(at(t), 'lidar') for t in (0.3, 0.4)] == [True, False]
-    tf.reset()  # the points follow: what is there is of now
+    tf.reset()  # the points follow: poses are new
     assert covered(tf, 0.1) == [True]
     tf.reset()
     assert not tf.reaches(at(0.3), 'lidar')

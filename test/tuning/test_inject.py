@@ -79,7 +79,7 @@ def test_nothing_else_changes() -> None:
 
 
 def test_little_and_empty_clouds() -> None:
-    """Empty clouds are none; a few points get one outlier, which is single."""
+    """Empty clouds are no targets; a few points get one outlier, which is single."""
     nothing = road(1, 2)[0].take(np.zeros(2, np.bool_))
     clouds, code = inject([nothing, *road(1, 100), nothing], Injection(share=0.01))
     assert [len(cloud) for cloud in clouds] == [0, 100, 0]

@@ -113,8 +113,8 @@ def test_settings_are_all_that_are_possible() -> None:
     assert (3, 3, 2, 'both') in found
 
 
-def test_wanted_values_replace_the_usual_ones() -> None:
-    """Values for a dial, for a threshold, and for what no dial has."""
+def test_given_values_replace_the_usual_ones() -> None:
+    """Values for a searched parameter, for a threshold, and for one that is not searched."""
     parameters = FilterParameters().changed({'chain': ['lof']})
     requested: dict[str, list[object]] = {'lof.min_pts': [4, 9], 'lof.threshold': [3.0, 1.5, 2]}
     (search,) = searches(parameters, requested)
@@ -123,13 +123,13 @@ def test_wanted_values_replace_the_usual_ones() -> None:
     requested = {'alpha_beta_gamma.sigma_floor': [0.01, 0.02], 'alpha_beta_gamma.before': [6]}
     (search,) = searches(SMOOTHER, requested)
     assert {setting['alpha_beta_gamma.sigma_floor'] for setting in search.settings} == {0.01, 0.02}
-    # The window's dial is gone as a whole: `after` stays as it is.
+    # The window's parameters are gone as a whole: `after` stays as it is.
     assert {setting['alpha_beta_gamma.before'] for setting in search.settings} == {6}
     assert not any('alpha_beta_gamma.after' in setting for setting in search.settings)
 
 
 def test_kept_parameters_stay() -> None:
-    """A dial, and a threshold, may be left as they are."""
+    """A parameter, and a threshold, may be left unchanged."""
     parameters = FilterParameters().changed({'chain': ['lof'], 'lof.threshold': 1.7})
     (search,) = searches(parameters, kept=['lof.min_pts', 'lof.threshold'])
     assert search.settings == ({'lof.min_pts': 20},)

@@ -98,7 +98,7 @@ def test_an_error_of_a_detector_is_no_verdict(
     """The tuner ends with it: points that were not judged are not good."""
     data = read_training(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
     monkeypatch.setattr(sor, 'measure', None)
-    with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
+    with pytest.raises(JudgingError, match=r'^detection must be free of errors'):
         data.judge(DEFAULTS.changed({'chain': ('sor',)}))
 
 
@@ -160,7 +160,7 @@ def test_several_recordings(tmp_path: Path) -> None:
 
 
 def test_the_topic_is_found(tmp_path: Path) -> None:
-    """Answers are no input, unless they are named; several inputs must be distinguished."""
+    """Outputs are not inputs, unless they are named; several inputs must be distinguished."""
     clouds = drive()
     topics = {'/lidar': clouds, '/lidar/cleaned': clouds, '/lidar/outliers': clouds[:1]}
     bag = write(tmp_path / 'bag', topics)

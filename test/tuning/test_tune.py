@@ -215,7 +215,7 @@ def test_lines_lead_there_step_by_step(*, paper_first: bool) -> None:
 
 
 def test_lines_name_only_what_changes() -> None:
-    """Unchanged parameters need no line; where no single step leads there, all lines come."""
+    """Unchanged parameters need no line; where no single step is enough, all lines are printed."""
     start = FilterParameters().changed({'chain': ['lof', 'sor'], 'vote': 2})
     same = {'alpha_beta_gamma.before': start.of(AlphaBetaGamma).before}
     (line,) = ros_lines(start, {**same, 'alpha_beta_gamma.significance': 1e-15})

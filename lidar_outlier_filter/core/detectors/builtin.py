@@ -36,10 +36,10 @@ class AlphaBetaGamma(Section):
         0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
     )
     sigma_floor: float = declare(
-        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+        0.005, 'Lower limit of estimated standard deviations.', 'm', 1e-6, 100.0
     )
     passes: int = declare(
-        30, 'Most repetitions without the rejected; the last rejects all that is left.', '', 1, 1000
+        30, 'Maximum number of passes; the last rejects all failing points.', '', 1, 1000
     )
     engine: str = declare(
         'kernel',
@@ -77,23 +77,23 @@ class Quadric(Section):
         choices=('section', 'patch'),
     )
     section: int = declare(
-        64, 'Most points that a section judges; those around it support them.', '', 16, 10_000
+        64, 'Maximum number of points tested in a section, with others around it.', '', 16, 10_000
     )
     k: int = declare(30, 'Neighbours in the patch around each point.', '', 10, 1000)
     significance: float = declare(
         1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
     )
     surfaces: int = declare(
-        3, 'Most surfaces looked for in one window, under model: lowest.', '', 1, 10
+        3, 'Maximum number of surfaces in one window, under model: lowest.', '', 1, 10
     )
     model: str = declare(
         'lowest',
-        'lowest: a plane or a paraboloid where it will do, of the half that agrees best; always: '
+        'lowest: a plane or paraboloid if it is enough, from the half that agrees best; always: '
         'all ten parameters, fitted to all points of the window, and one surface (the paper).',
         choices=('lowest', 'always'),
     )
     sigma_floor: float = declare(
-        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+        0.005, 'Lower limit of estimated standard deviations.', 'm', 1e-6, 100.0
     )
 
     @property
@@ -133,9 +133,9 @@ class Sor(Section):
         0.1, 'Largest absolute difference from the median (sor2).', 'm', 1e-6, 1e6
     )
     radius: float = declare(
-        0.5, 'Radius in which min_neighbors others must be (radius).', 'm', 1e-6, 1e6
+        0.5, 'Radius that must contain min_neighbors others (radius).', 'm', 1e-6, 1e6
     )
-    min_neighbors: int = declare(3, 'Fewest others within the radius (radius).', '', 1, 1000)
+    min_neighbors: int = declare(3, 'Minimum number of others in the radius.', '', 1, 1000)
     range_scaled: bool = declare(
         default=False,
         text='Let the limit grow with the distance from the origin: sor, sor2: the limit × '
@@ -170,7 +170,7 @@ class Hierarchical(Section):
     )
     min_cluster: int = declare(
         100,
-        'Fewest points of a cluster that is kept; fewer points altogether stay untested.',
+        'Minimum size of a kept cluster; clouds with fewer points stay untested.',
         '',
         1,
         1_000_000_000,
@@ -187,11 +187,11 @@ class Elevation(Section):
         choices=('neighbours', 'ground'),
     )
     height: float = declare(
-        50.0, 'Height above the ground that a point may have, against: ground.', 'm', 1e-3, 1e6
+        50.0, 'Maximum height above the ground (against: ground).', 'm', 1e-3, 1e6
     )
     depth_counts: float = declare(
         50.0,
-        'Metres above the ground that one below it counts as: the depth allowed is height ÷ this.',
+        'Weight of depth against height: the allowed depth is height ÷ this.',
         '',
         1e-3,
         1e6,
@@ -204,11 +204,11 @@ class Elevation(Section):
         1e4,
     )
     widest: float = declare(
-        40.0, 'Width of the widest that stands on the ground: a building, a crown.', 'm', 0.0, 1e4
+        40.0, 'Width of the widest object on the ground, such as a building.', 'm', 0.0, 1e4
     )
     k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
     multiplier: float = declare(
-        3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0
+        3.0, 'Maximum difference, in standard deviations of all differences.', '', 1e-6, 1000.0
     )
     sides: str = declare(
         'both',
@@ -217,7 +217,7 @@ class Elevation(Section):
     )
     gap: float = declare(
         5.0,
-        'Empty stretch of elevations that sets points above or below apart; 0: none does.',
+        'Empty range of elevations beyond which points are rejected; 0: off.',
         'm',
         0.0,
         1e6,

@@ -99,15 +99,15 @@ class Contributions(NamedTuple):
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains the scores of a detector.
+    """The explanation of a detector's scores.
 
     Attributes
     ----------
-    reasons : what the numbers mean that it gives as ``Scores.reason``, from 1 to 255
-        They are none of those of other detectors, and never change their meaning.
-    methods : the ways in which it judges, for people; of each its features, with a few words
-    choose : of what it sees, by which parameters: the way in which it will judge
-    explain : of what it saw, by which parameters, and of which points
+    reasons : meaning of the numbers in ``Scores.reason``, from 1 to 255
+        Unique among all detectors; they never change their meaning.
+    methods : names of its methods, for people; for each its features, described in a few words
+    choose : called with its input and parameters; returns the method
+    explain : called with its input, its parameters and the points to explain
 
     """
 

@@ -33,7 +33,7 @@ class DetectorInput:
     Attributes
     ----------
     points : N valid points
-    threads : at most so many at once; 0: as many as there are cores
+    threads : maximum number of threads; 0: all cores
     gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
     whole : whether they are a whole cloud, not part of a stream
     allocate : returns large arrays, in memory or in files

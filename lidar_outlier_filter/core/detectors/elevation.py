@@ -1,43 +1,38 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Gross errors of the elevation: z against its neighbours on the map (Kang, Huang and Yang 2018).
+"""Gross elevation errors: z compared with its neighbours in x and y (Kang, Huang and Yang 2018).
 
 Their section 3.3, with its numbers:
 
-1. The elevation histogram takes off what is set apart above and below. The paper does that by eye;
-   here an empty stretch of elevations wider than ``gap`` sets points beyond it apart, if they are
-   at most a thousandth of all, or one. The stretch is between two points, not between two bins, so
-   that it does not matter where bins begin.
-2. A kd-tree of x and y of the points that are left.
-3. M, the mean elevation of the k nearest in it, the point left out, less its own elevation. Others
-   that are exactly as near as the k-th count too, so M does not depend on the order of the points.
+1. Points beyond a gap of the elevation histogram are rejected. The paper finds gaps by eye; here
+   it is an empty range wider than ``gap`` with at most a thousandth of all points, or one, beyond.
+2. A kd-tree of x and y of the remaining points.
+3. M, the mean elevation of the k nearest others less the elevation of the point. Points that tie
+   with the k-th are included, so that M does not depend on the order of the points.
 4. Mean and standard deviation σ of all M.
 5. Points with ``|M - mean| > multiplier · σ`` are rejected.
 
-The paper's (5) is M - mean > 3σ. Taken by its letter it finds low points only, although its
-section 1 promises high ones too; it is ``sides: low``, its mirror image ``high``, and ``both``
-takes the absolute value. σ is at least 5 mm, so that on a flat floor roundings are no gross
-errors.
+The paper's (5) is M - mean > 3σ. Exactly as published it finds low points only, although section 1
+promises high ones too; this is ``sides: low``, its mirror image is ``high``, and ``both`` takes the
+absolute value. σ is at least 5 mm, so that rounding on a flat floor is not a gross error.
 
-z must point up, and neighbours on the map be neighbours on a surface: made for airborne scans. On a
-facade, seen from above, all heights are neighbours.
+z must point up, and neighbours in x and y be neighbours on a surface, as in airborne scans.
 
 ``against: ground`` compares with the ground under the cloud instead, in metres: a progressive
 morphological filter (Zhang et al. 2003).
 
-1. The lowest point of each cell of a grid. A cell without points lies on the straight line between
-   the nearest two of its row that have some, and beyond the last of them is as high as that. Rows
-   without points lie between the nearest two rows in the same way.
-2. Openings by squares of 3, 5, 9, 17 … cells, each of what the last one left, until a square is as
-   wide as the widest that stands on the ground.
+1. The lowest point of each cell of a grid. An empty cell is interpolated between the nearest two
+   occupied cells of its row; beyond the last of them the height is constant. Empty rows are
+   interpolated between rows in the same way.
+2. Openings by squares of 3, 5, 9, 17 … cells, each of the result of the last one, until a square
+   is as wide as the widest object.
 3. A cell that an opening of w cells lowers by more than ``RISE`` + ``SLOPE`` · (w - w before) ·
    cell, at most ``MOST_RISE``, is no ground; for the first opening it is ``RISE``. The ground under
    such cells is filled as in 1.
 
-An opening takes off what is higher than its surroundings, and keeps what is lower: the paper leaves
-low points to others. Here a cell of the ground that lies more than ``PIT`` below its closing by
-3 × 3 cells takes the height of that. So a low point, or a small group of them, does not pull the
-ground down. Not before the openings: under a dense canopy a cell with ground is a pit, too.
+Openings keep what is lower than its surroundings: the paper does not treat low points. Here a
+ground cell more than ``PIT`` below its closing by 3 × 3 cells is raised to it after the openings,
+so that low points do not pull the ground down. Under dense canopy a cell with ground is a pit, too.
 """
 
 from __future__ import annotations
@@ -86,12 +81,11 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     Returns
     -------
     (N,) float64
-        Statistic ÷ critical value, more than 1 exactly where rejected: for points that are set
-        apart their distance from the others ÷ ``gap``; for all others that of (5), which may be
-        negative if ``sides`` is not ``both``. NaN for points without k others. Against the ground
-        it is the height above it ÷ ``height``, below it times ``depth_counts``; where a few points
-        are so far off on the map that there were too many cells, it is for these their distance
-        from the others ÷ ``widest``.
+        Statistic ÷ critical value, more than 1 exactly where rejected. Beyond a gap of elevations:
+        the distance from the other points ÷ ``gap``. For all others: (5), which may be negative
+        unless ``sides`` is ``both``. NaN for points without k others. Against the ground: the
+        height above it ÷ ``height``, times ``depth_counts`` below it; for a few points so far off
+        that the grid would have too many cells, the distance from the others ÷ ``widest``.
 
     Raises
     ------
@@ -172,10 +166,10 @@ def _beyond(values: Floats, gap: float) -> Floats:
 
 
 def body(elevation: Floats, gap: float) -> tuple[float, float]:
-    """Return the lowest and the highest elevation, metres, that are not set apart.
+    """Return the lowest and the highest elevation between the gaps, metres.
 
-    Seen from outside, the last empty stretch wider than ``gap`` counts that has at most ``SHARE``
-    of the points, or one, beyond it. Of one or two points none is set apart; nor with a gap of 0.
+    On each side the innermost empty range wider than ``gap`` counts that has at most ``SHARE`` of
+    the points, or one, beyond it. One or two points have no gap; nor has a cloud if ``gap`` is 0.
 
     """
     count = len(elevation)
@@ -209,9 +203,9 @@ def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -
 
     pool.run(work, len(xyz), CHUNK, threads)
     _correct_ties(neighbourhood, elevation, index, np.flatnonzero(tied), result)
-    answer = np.empty(len(xyz))
-    answer[order] = result
-    return answer
+    in_input_order = np.empty(len(xyz))
+    in_input_order[order] = result
+    return in_input_order
 
 
 @kernel

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hierarchical outlier detection: clusters that graphs fall into (Sotoodeh 2007).
+"""Hierarchical outlier detection: small components of graphs (Sotoodeh 2007).
 
 Phase 1: edges of the Euclidean minimum spanning tree that are too long are cut, and the points of
-components that are too small rejected. Phase 2: in each component that is left, by itself, the same
-with its Gabriel graph, whose edges show more of the sampling interval. Too long means longer than
+components that are too small rejected. Phase 2: the same in each remaining component with its
+Gabriel graph, whose more numerous edges describe the sampling interval. Too long means longer than
 
     median + z σ
 
@@ -24,8 +24,8 @@ Where this is not the paper, or corrects it:
 
 * "Connected if the largest ball passing through the two points is empty" must read smallest: the
   largest is half of space.
-* Coincident points are one place. They have no edges, whose length of 0 would drag the median down,
-  and each of them counts in the size of its cluster.
+* Coincident points are one vertex, because edges of length 0 would lower the median; each of them
+  counts in the size of its cluster.
 * σ is at least a thousandth of the median. On lines and grids of equal steps it would be that of
   their rounding, and edges that are longer by a rounding would be cut.
 * The shares in its Table 1 are of all points that the phase has seen, and so smaller than what is
@@ -33,8 +33,8 @@ Where this is not the paper, or corrects it:
   leaves 569 + 9 points, phase 2 begins with 571 + 7).
 
 Phase 1 supposes one sampling interval for the whole cloud: surfaces that are scanned sparsely, far
-away or at a grazing angle, are rejected. In phase 2 edges across the air between surfaces that face
-each other are among those that make σ: in a street or a room it finds little more than phase 1.
+away or at a grazing angle, are rejected. In phase 2 long edges between surfaces that face each
+other enlarge σ: in a street or a room it finds little more than phase 1.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from scipy.special import ndtri
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.neighbours.duplicates import find_places
+from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ LEAST_SPREAD = 1e-3  # of the median
 
 @dataclass(frozen=True)
 class ClusterOutcome:
-    """What the two phases say of N points.
+    """Result of both phases for N points.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ class ClusterOutcome:
     phase : (N,) uint8
         1 or 2, the phase that rejected the point; 0 where none did.
     cluster : (N,) int64
-        Points of the cluster that the point was in at last: of phase 1 where that rejected it,
-        otherwise of phase 2; 0 for untested points.
+        Size of the point's cluster: in phase 1 if that rejected the point, otherwise in phase 2;
+        0 for untested points.
 
     """
 
@@ -93,7 +93,7 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 
 
 def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOutcome:
-    """Test to how large a cluster every point belongs.
+    """Test the size of every point's cluster.
 
     Parameters
     ----------
@@ -133,9 +133,9 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     if count < max(least, 1):
         none = np.zeros(count, np.int64)
         return ClusterOutcome(np.full(count, np.nan), none.astype(np.uint8), none)
-    places = find_places(xyz)
-    hood = Neighbourhood(np.take(xyz, places.first, axis=0), 1, threads)
-    copies = np.bincount(places.of)[hood.order]
+    positions = find_distinct(xyz)
+    hood = Neighbourhood(np.take(xyz, positions.first, axis=0), 1, threads)
+    copies = np.bincount(positions.of)[hood.order]
     graph = gabriel_graph(hood, threads)
     tree = spanning_tree(graph, len(hood))
     kept = tree.length <= limit(tree.length, parameters.global_confidence)
@@ -152,14 +152,14 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     kept &= tree.length <= local[rough[tree.ends[:, 0]]]
     fine = components(len(hood), tree, kept)
     final = _sizes(fine, copies)[fine]
-    at = np.argsort(hood.order)[places.of]  # the place of each point, in tree order
+    at = np.argsort(hood.order)[positions.of]  # the place of each point, in tree order
     phase = np.where(size[rough] < least, 1, 2 * (final < least)).astype(np.uint8)
     return ClusterOutcome(least / final[at], phase[at], final[at])
 
 
 def spanning_tree(graph: Edges, count: int) -> Edges:
     """Find the minimum spanning tree of a connected graph of so many points."""
-    # Of two places that are very near, the square of the distance may be 0, which is no edge.
+    # Of two positions that are very near, the square of the distance may be 0, which is no edge.
     length = np.maximum(graph.length, np.finfo(np.float64).tiny)
     tree = minimum_spanning_tree(coo_array((length, graph.ends.T), (count, count)).tocsr()).tocoo()
     return Edges(np.stack((tree.row, tree.col), axis=1), tree.data)
@@ -187,6 +187,6 @@ def components(count: int, edges: Edges, kept: NDArray[np.bool_]) -> Ints:
 
 
 def _sizes(label: Ints, copies: Ints) -> Ints:
-    """Count the points of each component, of places with so many points each."""
+    """Count the points of each component, of positions with so many points each."""
     sizes: Ints = np.bincount(label, copies).astype(np.int64)
     return sizes

@@ -13,16 +13,14 @@ It is about 1 within a region of even density, whatever that density is, and has
 Where more than k points coincide their k-distance is 0 and their density infinite. For that case
 Breunig et al. (remark on definition 6) propose the *k-distinct-distance*, to the k-th nearest other
 place at which there are points. Here it replaces the k-distance exactly where that is 0;
-with fewer than k other places the farthest counts, and where all points coincide the LOF is 1. So
-all factors are finite, and neither a stack of points nor those around it are rejected for it.
+with fewer than k other positions the farthest counts, and where all points coincide the LOF is 1.
+So all factors are finite, and neither a stack of points nor those around it are rejected for it.
 
-How others differ: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) gives the same
-factors but that it takes exactly k neighbours, some of those that tie for the last rank, and that
-it adds 1e-10 to the mean reach distance: beside more than k coincident points good points have
-factors of millions. PDAL's ``filters.lof`` (k is its ``minpts``) takes the point itself for one of
-its neighbours, which draws all factors towards 1. PCL-LOFFilter, with which Pirotti et al. (2018)
-found their thresholds, does so too, takes the distance to the other k - 1 nearest for the
-k-distance, and squares of distances for distances, which draws the factors apart.
+Other programs: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) takes exactly k
+neighbours even if several tie for the last rank, and adds 1e-10 to the mean reach distance: beside
+more than k coincident points good points have factors of millions. PDAL's ``filters.lof`` (k is its
+``minpts``) counts the point itself as a neighbour, which pulls all factors towards 1. So does
+PCL-LOFFilter, the code of Pirotti et al. (2018), which also squares all distances.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median, noalias_kernel
-from lidar_outlier_filter.core.neighbours.duplicates import find_places
+from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
@@ -174,8 +172,8 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
     if len(stacked) == 0:
         return stacked, stacked
     xyz, order, position = neighbourhood.xyz, neighbourhood.order, _positions(neighbourhood)
-    places = find_places(xyz[position])
-    first, place = position[places.first], places.of[order[stacked]]
+    positions = find_distinct(xyz[position])
+    first, place = position[positions.first], positions.of[order[stacked]]
     most = min(k, len(first) - 1)
     if most > 0:
         alone = Neighbourhood(xyz[first], most, neighbourhood.threads)

@@ -26,7 +26,7 @@ class Scores:
     extra : (N,) uint16, optional
         Bits beside that of the detector, which say more of a rejected point and have no vote.
     passes : int
-        How often the detector looked at the points, where it counts that.
+        Number of passes over the points, where the detector counts them.
     reason : (N,) uint8, optional
         Numbers that say why points are rejected; 0 for the others.
     scaled : bool

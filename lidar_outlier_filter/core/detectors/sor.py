@@ -10,8 +10,7 @@ With d the mean distance of a point to its ``k`` nearest others:
 ``sor2``
     The absolute difference of d from the median of all, against ``limit`` (Pirotti et al. 2018).
 ``radius``
-    ``min_neighbors`` others must be within ``radius``: the distance to the one that completes the
-    number, against the radius.
+    The distance to neighbour number ``min_neighbors``, against ``radius``.
 
 With ``range_scaled`` each point has its own limit, by its distance r from the sensor: ``sor`` and
 ``sor2`` the limit × range_factor × r (DSOR, Kurup and Bos 2021); ``radius`` the larger of radius
@@ -19,7 +18,7 @@ and range_factor × r (DROR, Charron, Phillips and Waslander 2018: range_factor 
 the angle between two beams).
 
 A point at exactly its limit is kept, as PCL does; nothing but coincident points is within a limit
-of 0. How others count:
+of 0. How other programs count:
 
 =========================  =====================  ==================================================
 peer                       k, min_neighbors here  at exactly the limit; other differences
@@ -80,10 +79,9 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Returns
     -------
     (N,) float64
-        In the order in which the points were given: statistic ÷ limit. Where each point has fewer
-        than ``k`` others nothing is known of their mean distance: NaN for all (``sor``, ``sor2``).
-        Where each has fewer than ``min_neighbors`` others no radius holds so many: inf for all
-        (``radius``), as PCL and PDAL reject them.
+        In the order in which the points were given: statistic ÷ limit. NaN for all
+        points if there are fewer than ``k`` others (``sor``, ``sor2``). inf for all if there are
+        fewer than ``min_neighbors`` others (``radius``), as PCL and PDAL reject them.
 
     Raises
     ------
@@ -125,8 +123,8 @@ def measure(neighbourhood: Neighbourhood, parameters: Sor) -> Floats:
     -------
     (N,) float64
         In the order in which the points were given: the mean distance to the ``k`` nearest others,
-        NaN for all where there are fewer; under ``radius`` the distance to the others' number
-        ``min_neighbors``, inf for all where there are fewer.
+        NaN for all if there are fewer; for ``radius`` the distance to neighbour number
+        ``min_neighbors``, inf for all if there are fewer.
 
     """
     if parameters.statistic == 'radius':

@@ -166,7 +166,7 @@ class Blocks(Generic[AnyCloud]):
     def make_room(self, cloud: StreamCloud, waiting: int = 0) -> None:
         """Refuse a cloud for which there is no room beside ``waiting`` other points.
 
-        If there is none, and nothing else waits, time advances as the cloud would advance it:
+        If there is no room, and nothing else waits, time advances as the cloud would advance it:
         blocks that it completes, and has no part in, are judged and forgotten first.
         """
         if waiting == 0 and self._points_with(cloud) > self._max_points:

@@ -75,7 +75,7 @@ class Chain:
             self.scaled &= found.scaled
             if found.method:
                 self.methods[found.method] += 1
-            # Behind the last one nobody looks at what is left.
+            # No detector follows the last one: its remaining points are not needed.
             if parameters.vote == 0 and detector is not self._detectors[-1]:
                 rejected = found.score > 1
                 if rejected.any():

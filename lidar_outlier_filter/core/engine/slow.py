@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     SaySlow = Callable[['SlowDetector'], object]
 
-PERIOD_S = 0.1  # between two looks
+PERIOD_S = 0.1  # between two checks
 SLOW_FACTOR = 10.0  # × max_delay: a detector that takes longer for a block is slow
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled kernels on disk: valid for exactly the sources that they were made from.
 
-numba looks at the kernel's own file only. A kernel that calls one of another file would keep the
+numba checks the kernel's own file only. A kernel that calls one of another file would keep the
 old machine code after a change there. So kernels carry a hash of all files that they may be made
 from: those of their own folder, and those of the rooms of ``core`` that every detector uses. Those
 that check the bounds of arrays (``NUMBA_BOUNDSCHECK=1``) have another hash. Kernels of another hash
@@ -10,7 +10,7 @@ or numba are not read, and removed when the kernel is compiled anew.
 
 They lie beside the sources where that can be written, and are read there where it cannot. New ones
 then go to the user's own cache, or to a folder that is removed at the end. Portable ones came with
-the package, in folders ``portable``: they run where there are none for this very processor. What is
+the package, in folders ``portable``: they run where none was compiled for the host. What is
 compiled from them is kept by itself, so that nobody takes it for code of the host alone.
 """
 
@@ -115,7 +115,7 @@ class CacheFile(_Files):
         )
 
     def load(self, key: Any) -> Any:
-        """Read machine code, or what came with the installation; None where there is none."""
+        """Read machine code, or that of the installation; None if neither exists."""
         found = super().load(key)  # type: ignore[no-untyped-call]
         if found is None:
             found = self._installed.load(key)  # type: ignore[no-untyped-call]
@@ -164,7 +164,7 @@ def _is_whole(path: str) -> bool:
     """Return whether a file is there, and ends with the digest of its content."""
     try:
         content = Path(path).read_bytes()
-    except OSError:  # as a folder that is none
+    except OSError:  # not a folder
         return False
     size = sha256().digest_size
     is_whole = sha256(content[:-size]).digest() == content[-size:]

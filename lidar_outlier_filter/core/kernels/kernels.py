@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
-MAX_LOOKS = 8  # looks at each value, before pivots are taken at pseudo-random indices
+MAX_PASSES = 8  # passes over the values before pivots are taken at pseudo-random indices
 
 Function = TypeVar('Function', bound='Callable[..., object]')
 
@@ -26,7 +26,7 @@ Function = TypeVar('Function', bound='Callable[..., object]')
 def kernel(function: Function) -> Function:
     """Compile with numba: cached on disk, without the GIL, floating point in the order written.
 
-    No fast-math flag: it would forbid NaN, and let the answer depend on the machine. What is cached
+    No fast-math flag: it would forbid NaN, and let the result depend on the machine. What is cached
     is valid for the sources that it was made from, those of other files too.
     """
     return _compile(function)
@@ -108,7 +108,7 @@ def select(values: NDArray[np.float64], count: int, rank: int) -> float:
     that part little at regular steps.
     """
     low, high = 0, count - 1
-    left, drawn = MAX_LOOKS * count, 1
+    left, drawn = MAX_PASSES * count, 1
     while high - low > SMALL:
         a, b, c = values[low], values[(low + high) // 2], values[high]
         left -= high - low

@@ -63,8 +63,8 @@ def run(
 ) -> list[Result]:
     """Do ``work(begin, end)`` for the ranges of ``chunk`` that make up ``range(count)``.
 
-    The ranges do not depend on the number of threads, and neither does the answer of work that
-    looks at nothing but its own range. One range, or one thread, is done by the caller itself.
+    The ranges do not depend on the number of threads, and neither does the result of work that
+    reads its own range only. One range, or one thread, is done by the caller itself.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def run(
     count, chunk : int
         At least 0, and at least 1.
     threads : int
-        At most so many at once; 0 for as many as there are cores.
+        Maximum number of threads; 0: all cores.
 
     Returns
     -------

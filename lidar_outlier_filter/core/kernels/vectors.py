@@ -31,17 +31,17 @@ def load(values: NDArray[Any], at: int) -> Any:
     return values.reshape(-1)[at : at + WIDTH].copy()
 
 
-def take(values: NDArray[Any], places: NDArray[Any], at: int, off: int, in_step: bool) -> Any:  # noqa: ARG001
-    """Return the values so many places behind ``places[at:]``; fast where these follow each other.
+def take(values: NDArray[Any], positions: NDArray[Any], at: int, off: int, in_step: bool) -> Any:  # noqa: ARG001
+    """Return ``values`` at ``positions[at:] + off``; fast where these follow each other.
 
     ``in_step`` says whether they do, see :func:`follow`.
     """
-    return values[places[at : at + WIDTH] + off]
+    return values[positions[at : at + WIDTH] + off]
 
 
-def follow(places: Any) -> bool:
+def follow(positions: Any) -> bool:
     """Return whether each place is the one behind the place before."""
-    return bool((places == places[0] + np.arange(WIDTH)).all())
+    return bool((positions == positions[0] + np.arange(WIDTH)).all())
 
 
 def store(values: NDArray[Any], at: int, vector: Any) -> None:
@@ -246,11 +246,11 @@ def _add_row(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
 
 def _take(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     data = context.make_array(kinds[0])(context, builder, values[0]).data
-    places = context.make_array(kinds[1])(context, builder, values[1]).data
+    positions = context.make_array(kinds[1])(context, builder, values[1]).data
     at, off = (context.cast(builder, values[n], kinds[n], types.intp) for n in (2, 3))
 
     def address(lane: int) -> Any:
-        place = builder.load(builder.gep(places, [builder.add(at, _INDEX(lane))]))
+        place = builder.load(builder.gep(positions, [builder.add(at, _INDEX(lane))]))
         place = context.cast(builder, place, kinds[1].dtype, types.intp)
         return builder.gep(data, [builder.add(place, off)])
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points that lie at one place, as in clouds that were rounded or merged: they are judged as one.
+"""Coincident points, as in clouds that were rounded or merged: they are judged as one.
 
-Their distances of 0 would make every other distance look large. The typical distance of places to
-their eighth neighbour is measured at a few of them. These are chosen by their coordinates alone: so
-neither the order of the points nor tiles count.
+Their distances of 0 would make every other distance seem large. The typical distance of positions
+to their eighth neighbour is measured at a sample of them, chosen by coordinates alone: neither the
+order of the points nor tiles matter.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 K = 8  # neighbours
 MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0
 SAMPLE = 20_000  # points, about
-AT_ONCE = 500_000  # points that are looked at
+AT_ONCE = 500_000  # points examined
 EVERY = 1 << 32
 # Multipliers that mix the bits of coordinates (splitmix64).
 MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 
 
-class Places(NamedTuple):
-    """The M places at which N points lie.
+class DistinctPoints(NamedTuple):
+    """The M distinct positions of N points.
 
     Attributes
     ----------
     first : (M,) int64
-        The first point at each place; they ascend.
+        The first point at each position, ascending.
     of : (N,) int64
-        The place of each point, from 0 to M - 1.
+        The position of each point, from 0 to M - 1.
 
     """
 
@@ -47,19 +47,19 @@ class Places(NamedTuple):
     of: Ints
 
 
-def find_places(xyz: Floats) -> Places:
-    """Find the places of points (N, 3), metres, finite; 0 and -0 are one.
+def find_distinct(xyz: Floats) -> DistinctPoints:
+    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_places
-    >>> places = find_places(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
-    >>> places.first.tolist(), places.of.tolist()
+    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
+    >>> distinct = find_distinct(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+    >>> distinct.first.tolist(), distinct.of.tolist()
     ([0, 1], [0, 1, 0])
 
     """
-    order = np.lexsort(xyz.T)  # points at one place stay in their order
+    order = np.lexsort(xyz.T)  # coincident points stay in their order
     ordered = np.take(xyz, order, axis=0)
     begins = np.ones(len(xyz), np.bool_)
     begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
@@ -68,7 +68,7 @@ def find_places(xyz: Floats) -> Places:
     first = order[begins]
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    return Places(np.sort(first), rank[group])
+    return DistinctPoints(np.sort(first), rank[group])
 
 
 def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
@@ -90,10 +90,10 @@ def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
     # The nearest neighbour of a point that shares its place is there.
     nearest = hood.nearest(k).index[:, 0]
     shared = np.sort(hood.order[squared_distances(hood.xyz, nearest) == 0])
-    places = find_places(np.take(xyz, shared, axis=0))
+    distinct = find_distinct(np.take(xyz, shared, axis=0))
     later = np.ones(len(shared), np.bool_)
-    later[places.first] = False
-    return np.stack((shared[later], shared[places.first[places.of[later]]]), axis=1)
+    later[distinct.first] = False
+    return np.stack((shared[later], shared[distinct.first[distinct.of[later]]]), axis=1)
 
 
 def in_parts(xyz: Floats, where: Ints) -> Iterator[Floats]:
@@ -110,13 +110,13 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     xyz : (N, 3) float64, metres
     where : (M,) int64
         Which of the points there are; they are finite.
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
 
     """
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
     some = (part[numbers(part) < limit] for part in in_parts(xyz, where))
     few = np.concatenate([np.empty((0, 3)), *some])
-    alone = np.take(few, find_places(few).first, axis=0)
+    alone = np.take(few, find_distinct(few).first, axis=0)
     if len(alone) <= K:
         return MIN_SCALE_M
     distance = np.median(np.sqrt(Neighbourhood(alone, K, threads).squared_distances(K)))

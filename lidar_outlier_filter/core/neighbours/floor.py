@@ -34,7 +34,7 @@ FARTHEST = 2.0**30  # columns from the first: those beyond are one
 ROW = 32  # bits of a column's number within its row
 WITHIN = (1 << ROW) - 1
 COLUMNS_AT_ONCE = 256
-DEEP, STEEP = 4.0, 0.5  # `deep` and `deep_steep` from which on a point looks like a low one
+DEEP, STEEP = 4.0, 0.5  # `deep` and `deep_steep` from which on a point counts as a low one
 
 NAMES = ('deep', 'deep_steep')
 
@@ -64,7 +64,7 @@ class Floor(NamedTuple):
     floor: Floats
 
 
-def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
+def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     """Find the floor of a whole cloud.
 
     Parameters
@@ -72,7 +72,7 @@ def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     xyz : (N, 3) float64, metres; z points up
     where : (M,) int64
         Which of the points there are; they are finite.
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
 
     """
     typical = typical_scale(xyz, where, threads)
@@ -98,11 +98,11 @@ def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
 
 
 def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
-    """Count the points that look like low ones: far below the floor, and not for its steepness.
+    """Count low points: far below the floor, and not because of its slope.
 
-    It takes what :func:`look_around` does.
+    It takes what :func:`measure_floor` does.
     """
-    around = look_around(xyz, where, threads)
+    around = measure_floor(xyz, where, threads)
     return sum(_count_low(around, some) for some in in_parts(xyz, where))
 
 

@@ -82,7 +82,7 @@ class Neighbourhood:
         most : int
             The largest number of neighbours that will be asked for, at least 1.
         threads : int
-            At most so many at once; 0 for as many as there are cores.
+            Maximum number of threads; 0: all cores.
         allocate : callable
             Returns the arrays of coordinates and of lists, in memory or in files.
 
@@ -109,7 +109,7 @@ class Neighbourhood:
 
     @property
     def threads(self) -> int:
-        """How many threads may work on it at once; 0 for as many as there are cores."""
+        """Maximum number of threads; 0: all cores."""
         return self._threads
 
     @property
@@ -199,7 +199,7 @@ class Neighbourhood:
         which : (M,) int64
             Indices in tree order.
         squared : (M,) float64
-            The distance of each, squared, inclusive, m²; of a negative one there are none.
+            Squared radius of each, inclusive, m²; a negative one finds no point.
 
         Returns
         -------
@@ -306,7 +306,7 @@ def _in_multiples(xyz: Floats) -> Floats:
     """Round coordinates to multiples of ``FINEST``; nearly always they are, and none is copied.
 
     Else thousands of points might be at distance 0 from each other, and still not at one place.
-    No box of the tree could hold them as one, and every search would look at all of them.
+    No box of the tree could hold them as one, and every search would visit all of them.
     """
     parts = (np.abs(xyz[begin : begin + PART]) for begin in range(0, len(xyz), PART))
     if not any(((size < COARSE) & (size > 0)).any() for size in parts):

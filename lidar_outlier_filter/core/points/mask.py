@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mask of the own vehicle: its ranges by ring and azimuth, its file, and how it is learnt.
 
-The vehicle is what stays at the same direction and range while the vehicle moves.
+Returns that stay at the same direction and range while the vehicle moves are of the vehicle.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Mask:
     Attributes
     ----------
     near, far : (R, COLUMNS) float64
-        Between which ranges, metres, it is seen; inf and -inf in directions where it is not.
+        Smallest and largest range of the vehicle, metres; inf and -inf in other directions.
 
     """
 
@@ -115,7 +115,7 @@ def _columns_and_ranges(xyz: Floats) -> tuple[Ints, Floats]:
 
 
 def masked(points: Points, mask: Mask | None, parameters: FilterParameters) -> Points:
-    """Take the own vehicle out of points: what is masked is not valid, and nobody's neighbour."""
+    """Mask the own vehicle: masked points are neither valid nor neighbours."""
     if mask is None:
         return points
     covered = mask.covers(points, parameters.mask_tolerance)
@@ -204,31 +204,30 @@ def as_text(mask: Mask) -> str:
 
 
 class MaskLearner:
-    """Looks of a sensor in, one after the other; a mask out.
+    """Learns a mask from turns of a sensor, one after the other.
 
-    A look is about a turn. Only those count that show the scene from elsewhere than the last one
-    that counted.
+    A turn counts if it shows the scene from elsewhere than the last one that counted.
 
     Attributes
     ----------
-    looks, taken : how many there were, and how many of them count
+    turns, taken : number of turns, and of those that count
 
     """
 
     def __init__(self, reach: float) -> None:
         """Look for the vehicle up to ``reach`` metres from the sensor."""
-        self.looks = self.taken = 0
+        self.turns = self.taken = 0
         self._bins = int(np.ceil(reach / BIN))
         self._hits = np.zeros((0, COLUMNS, self._bins), np.uint32)
         self._returns = np.zeros((0, COLUMNS), np.int64)
-        self._last: Floats = np.zeros((0, COLUMNS // WIDE))  # ranges of the last look that counted
+        self._last: Floats = np.zeros((0, COLUMNS // WIDE))  # ranges of the last turn that counted
         self._place: Floats | None = None
         self._sines = np.zeros(0)  # of elevations, added up by ring
         self._points = np.zeros(0, np.int64)
         self._samples: list[Floats] = []
 
     def add(self, points: Points, place: Floats | None = None) -> bool:
-        """Take a look; return whether it counts.
+        """Add a turn; return whether it counts.
 
         Parameters
         ----------
@@ -241,7 +240,7 @@ class MaskLearner:
             If a line cannot be a ring.
 
         """
-        self.looks += 1
+        self.turns += 1
         ring = points.line
         low, high = int(ring.min(initial=0)), int(ring.max(initial=-1))
         if low < 0 or high >= MOST_RINGS:
@@ -274,7 +273,7 @@ class MaskLearner:
             self._points = np.pad(self._points, (0, more))
 
     def _has_moved(self, ranges: Floats, place: Floats | None) -> bool:
-        """Return whether a look shows the scene from elsewhere than the last one that counted."""
+        """Return whether a turn shows the scene from elsewhere than the last one that counted."""
         if self.taken == 0:
             return bool(np.isfinite(ranges).any())
         if place is not None and self._place is not None:
@@ -310,7 +309,7 @@ class MaskLearner:
         return _wider(mask)
 
     def _is_clear(self, ring: Ints, column: Ints, number: Ints) -> Bools:
-        """Return which places, by their cells and bins, are clear of the ground."""
+        """Return which positions, by their cells and bins, are clear of the ground."""
         ground = _ground(np.concatenate([np.empty((0, 3)), *self._samples]))
         if ground is None:
             return np.ones(len(ring), np.bool_)
@@ -325,7 +324,7 @@ class MaskLearner:
 def _ground(xyz: Floats) -> tuple[Floats, float] | None:
     """Find the plane with most points on it, and nearly none below.
 
-    Returns the direction that is up, and how high the sensor is above, metres; None: there is none.
+    Returns the direction that is up, and the height of the sensor, metres; None: no ground.
     """
     rng = np.random.default_rng(0)
     best, found = MIN_ON_GROUND * len(xyz), None

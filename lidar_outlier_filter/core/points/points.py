@@ -61,9 +61,9 @@ class Points:
         Recovered from elevations, where the sensor spins and gives no scan lines; -1 for missing
         returns.
     fixed : (N,) bool or None
-        Of a cloud that was moved in part: whether ``xyz`` is in the frame that stands still.
+        In a partly transformed cloud: whether ``xyz`` is in the fixed frame.
     masked : (N,) bool or None
-        On the own vehicle, where there is a mask: not valid, as no detector sees it.
+        On the own vehicle, if a mask is set; not valid, so that no detector uses it.
 
     """
 
@@ -124,7 +124,7 @@ def _rows(
 
 
 def no_return(count: int) -> Points:
-    """Return points of which there is nothing but their number; they take no memory."""
+    """Return points without any return; they take no memory."""
     zero = np.broadcast_to(np.int64(0), count)
     return Points(
         np.broadcast_to(np.nan, (count, 3)), zero, zero, np.broadcast_to(np.False_, count)
@@ -132,13 +132,13 @@ def no_return(count: int) -> Points:
 
 
 def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return real returns from missing ones: all three finite, and not all three 0."""
-    valid, _ = _look(xyz)
+    """Mark real returns: all three coordinates finite, and not all three 0."""
+    valid, _ = _find_returns(xyz)
     return np.asarray(valid)
 
 
 def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return real returns from missing ones, as :func:`is_return`; refuse what can be neither.
+    """Mark real returns as :func:`is_return` does; refuse impossible coordinates.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
         If a coordinate of a return is beyond ``FARTHEST``.
 
     """
-    valid, absurd = _look(xyz)
+    valid, absurd = _find_returns(xyz)
     if absurd >= 0:
         got = ', '.join(f'{value:g}' for value in xyz[absurd].tolist())
         raise CloudError('the coordinates of a point', f'within {FARTHEST:g} m, NaN or Inf', got)
@@ -205,7 +205,7 @@ def _step(far: float, unit: float) -> float:
 
 
 @kernel
-def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
+def _find_returns(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
     """Return the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
     result = np.empty(len(xyz), np.bool_)
     absurd = -1

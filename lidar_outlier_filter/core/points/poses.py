@@ -42,7 +42,7 @@ class SensorExtrinsics:
 
     @classmethod
     def of_pose(cls, pose: tuple[float, ...]) -> SensorExtrinsics:
-        """Make it of x, y, z and a quaternion x, y, z, w; raise a PoseError where it is none."""
+        """Make it of x, y, z and a quaternion x, y, z, w; raise a PoseError if it is invalid."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415  as above
 
         x, y, z, *quaternion = _checked(pose)
@@ -113,7 +113,7 @@ class Track:
                 self._times, self._poses = [], []
 
     def reaches(self, last: int) -> bool:
-        """Return whether there are poses up to a time; they come in order, so none is to come."""
+        """Return whether all poses up to a time have arrived; they arrive in order."""
         with self._lock:
             return bool(self._times) and self._times[-1] >= last
 

@@ -125,7 +125,7 @@ def _upright(up: Floats) -> Floats:
 
 
 def _first_guess(xyz: Floats) -> Floats:
-    """Guess where the sensor is: amid the smallest circles that rings draw (R, S, 3); metres."""
+    """Estimate the sensor's position, metres: the centre of the smallest rings (R, S, 3)."""
     middle = np.median(xyz, axis=1)
     about = (xyz - middle[:, None])[:, :, :2]
     square = (about**2).sum(axis=2)

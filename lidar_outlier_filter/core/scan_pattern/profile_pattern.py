@@ -53,7 +53,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     Parameters
     ----------
     points : valid ones, in any frame
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
 
     Returns
     -------

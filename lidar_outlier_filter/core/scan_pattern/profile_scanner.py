@@ -92,7 +92,7 @@ class TimedLines(NamedTuple):
         """Return when lines begin, nanoseconds, in the order of time."""
         return self.t[self.first[:-1]][self.rank]
 
-    def places(self, part: Floats) -> Ints:
+    def indices(self, part: Floats) -> Ints:
         """Return where the returns at some parts (S,) of each line are in order (L, S)."""
         return self.first[:-1, None] + (part * self.sizes[:, None]).astype(np.int64)
 
@@ -109,7 +109,7 @@ class _Mirror(NamedTuple):
 def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
     """Estimate where the scanner was; None where the points do not determine it.
 
-    At most so many ``threads`` work at once; 0 for as many as there are cores.
+    ``threads``: maximum number of threads; 0: all cores.
     """
     if np.count_nonzero(lines.sizes >= MIN_RETURNS) < MIN_KNOWN_SHARE * len(lines.sizes):
         return None
@@ -141,7 +141,7 @@ def _swinging_mirror(lines: TimedLines) -> _Mirror | None:
     turns, since = _since(lines, period)
     swung = (since - (since.min() + since.max()) / 2.0) * (np.pi / period)
     waves = np.sin(swung), swung * (2.0 / np.pi)
-    some = lines.places(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
+    some = lines.indices(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
     xyz = lines.xyz[lines.order[some]]
     found = [_find_swing(xyz, wave[some]) for wave in waves]
     swing, off = min(found, key=lambda one: one[1] / one[0])
@@ -188,7 +188,7 @@ def _usual_step(lines: TimedLines) -> float:
 def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     """Estimate where the scanner was; None where points do not lie at the mirror's angles."""
     xyz, order, rank = lines.xyz, lines.order, lines.rank
-    some, count = lines.places(EVENLY), len(rank)
+    some, count = lines.indices(EVENLY), len(rank)
     parts = pool.run(
         lambda i, j: fit_lines(xyz[order[some[i:j]]], mirror.angle[some[i:j]]),
         *(count, LINES_AT_ONCE, threads),
@@ -202,7 +202,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:
         return None
     # Unevenly taken, because of rings in turn even steps would take always the same one.
-    some = lines.places(UNEVENLY)
+    some = lines.indices(UNEVENLY)
     away = pool.run(
         lambda i, j: off_plane(
             xyz[order[some[i:j]]] - fit.position[i:j, None], mirror.angle[some[i:j]]
@@ -218,7 +218,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
     if not mirror.swings:
         return Scanner(found, mirror.angle)
-    sense = _sense(xyz[order[lines.places(EVENLY)]] - found[:, None], rank)
+    sense = _sense(xyz[order[lines.indices(EVENLY)]] - found[:, None], rank)
     return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes))
 
 
@@ -239,7 +239,7 @@ class Fit(NamedTuple):
     position : (L, 3) float64
         Metres.
     off : (L,) float64
-        Median angle between a return and where the mirror looked, rad; infinite where the returns
+        Median angle between a return and where the mirror pointed, rad; infinite where the returns
         all lie where the scanner is.
     unsure : (L,) float64
         Standard deviation of the position, metres.

@@ -38,14 +38,14 @@ MIN_GAIN = 0.02  # halvings of the distance, less than which the origin is as go
 
 
 class Origin(NamedTuple):
-    """Metres above the origin of the frame, and from its axis outwards."""
+    """Origin of the beams: metres above the frame's origin, and outwards from its axis."""
 
     up: float
     out: float
 
 
 def find_origin(flat: Floats, z: Floats) -> Origin:
-    """Find where beams leave from.
+    """Find the origin of the beams.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
 @kernel
 def spread(flat: Floats, z: Floats, up: float, out: float) -> float:
-    """Return how far apart elevations are, seen from a position: mean logarithm to the base 2."""
+    """Return the mean base-2 logarithm of the gaps between elevations seen from a position."""
     count = len(z)
     elevation = np.empty(count)
     for i in range(count):
@@ -160,7 +160,7 @@ def _span(elevation: Floats) -> float:
 
 
 def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
-    """Find the elevations of rings, rad, ascending; None where there are none.
+    """Find the elevations of rings, rad, ascending; None without rings.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0
     order : (M,) which of the N points is at each cell; -1 for none
     reach : (M,) metres
     intensity : (N,) of the points; NaN and less than 0 are unknown
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
 
     """
     bright, usual = np.empty(len(order), np.float32), _usual(order, reach, intensity)
@@ -115,7 +115,7 @@ MIN_STEADY_SHARE = 0.9  # of the steps along rings go the way the head turns, or
 MIN_FORWARD_SHARE = 0.7
 AT_ONCE = 1 << 14  # points that a thread takes
 MIN_GAP_RAD = 1e-4  # rad between rings
-MIN_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
+MIN_COSINE = 1e-3  # of an elevation: a beam straight up has no azimuth
 MAX_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
 NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
 LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
@@ -123,7 +123,7 @@ LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
 # for half a million turns, and a turn is judged alike whenever it is.
 PHASE_PARTS = 2.0**30
 WHOLE_TURN = float(np.rint(TURN * PHASE_PARTS) / PHASE_PARTS)
-# atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their answers differ.
+# atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their results differ.
 ATAN = np.array(
     [
         0.9999999995535,
@@ -149,7 +149,7 @@ def find_pattern(
     Parameters
     ----------
     points : valid ones, in the sensor's own frame
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
     spins : the sensor is known to spin; otherwise it does where lines are measured at once
     in_rows : rings may be rows of a range image, in whose columns returns come in any order
 

@@ -73,7 +73,7 @@ export function connect(where) {
   let size = 16;
   while (size < 2 * count) size *= 2;
   const table = new Int32Array(size).fill(-1); // by cell its first point
-  const up = Int32Array.from({ length: count }, (_, i) => i); // leads to the number of the group
+  const up = Int32Array.from({ length: count }, (_, i) => i); // parent of each point: its root is the group
   const slot = (x, y, z) => {
     let at = (Math.imul(x | 0, 73856093) ^ Math.imul(y | 0, 19349663) ^ Math.imul(z | 0, 83492791)) & (size - 1);
     while (table[at] >= 0) {

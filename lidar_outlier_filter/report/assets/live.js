@@ -27,9 +27,9 @@ const stage = new Stage(data, state, {
 
 async function ask(path, asked = {}, options = {}) {
   const token = new URLSearchParams(location.search).get('token');
-  const answer = await fetch(`/${path}?${new URLSearchParams({ ...asked, token })}`, options);
-  if (!answer.ok) throw new Error(`${path} must be served, got status ${answer.status}`);
-  return answer;
+  const response = await fetch(`/${path}?${new URLSearchParams({ ...asked, token })}`, options);
+  if (!response.ok) throw new Error(`${path} must be served, got status ${response.status}`);
+  return response;
 }
 
 // --- Clouds ----------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ async function poll() {
     }
     document.documentElement.dataset.frames = data.frames.length;
   } catch (error) {
-    at('lead').textContent = `The node does not answer: ${error.message}`;
+    at('lead').textContent = `The node does not respond: ${error.message}`;
   }
   setTimeout(poll, PERIOD);
 }

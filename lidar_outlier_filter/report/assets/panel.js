@@ -149,7 +149,7 @@ export function showFound(parent, header) {
       ['refused', refused.join(', ') || 'none'],
       ['gaps', gaps ? `${header.gaps.length >= 50 ? 'at least 50' : header.gaps.length}; the longest: ${gaps}` : 'none'],
       ['frame', header.moved ? 'fixed, moved by odometry' : 'that of the clouds'],
-      ['without poses', header.unmoved ? `${count(header.unmoved)} clouds` : ''],
+      ['without poses', header.without_pose ? `${count(header.without_pose)} clouds` : ''],
     );
   }
   list(parent, rows.filter(([, value]) => value));

@@ -202,9 +202,9 @@ function readAddress() {
   const step = number < 0 ? -1 : data.header.sliders[number].texts.indexOf(value);
   if (step >= 0) setStep(number, step);
   if (frame) setFrames(frame !== 'all', Number(frame) || 0);
-  for (const [id, wanted] of [['mode', colour], ['show', show]]) {
-    if (![...at(id).options].some((option) => option.value === wanted)) continue;
-    at(id).value = wanted;
+  for (const [id, value] of [['mode', colour], ['show', show]]) {
+    if (![...at(id).options].some((option) => option.value === value)) continue;
+    at(id).value = value;
     at(id).dispatchEvent(new Event('change'));
   }
   if (size >= 1 && size <= 8) stage.setSize(Number(size));

@@ -173,7 +173,7 @@ export class View {
   }
 
   // 'orbit', 'top' or 'side'
-  look(view) {
+  setView(view) {
     const tall = Math.max(this.extent[1], this.extent[0] / this.perspective.aspect) / 2;
     const half = view === 'top' ? tall : Math.max(this.extent[2], this.extent[0] / this.perspective.aspect) / 2;
     this.camera = view === 'orbit' ? this.perspective : this.flat;
@@ -223,7 +223,7 @@ export class View {
     this.draw();
   }
 
-  // Fly: ahead, to the right and up, parts of the distance to what is looked at.
+  // Fly: ahead, to the right and up, parts of the distance to the target.
   fly(ahead, right, up) {
     const offset = this.controls.target.clone().sub(this.camera.position);
     const away = this.camera === this.flat ? this.flat.top / this.flat.zoom : offset.length();
@@ -351,7 +351,7 @@ export class View {
     }
   }
 
-  // Metres that a CSS pixel has, at what is looked at.
+  // Metres that a CSS pixel has, at the target.
   get metresPerPixel() {
     const height = this.canvas.getBoundingClientRect().height || 1;
     if (this.camera === this.flat) return (2 * this.flat.top) / this.flat.zoom / height;
@@ -359,7 +359,7 @@ export class View {
     return (2 * away * Math.tan((this.perspective.fov * Math.PI) / 360)) / height;
   }
 
-  // Where the eye is and what it looks at, metres from the middle; and the zoom of a flat view.
+  // Position of the eye and its target, metres from the middle; and the zoom of a flat view.
   get pose() {
     return [...this.camera.position.toArray(), ...this.controls.target.toArray(), this.camera.zoom];
   }

@@ -14,7 +14,7 @@ const CLICK = 4; // CSS pixels that a pointer may move in a click
 const MOST_MARKS = 3000; // of a scan line
 const AXIS = 26; // CSS pixels
 const TURN = 0.08; // rad
-const FLY = 0.06; // of the distance to what is looked at
+const FLY = 0.06; // of the distance to the target
 const VIEWS = ['orbit', 'top', 'side'];
 const MOVES = [
   ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
@@ -73,7 +73,7 @@ export class Stage {
   }
 
   setView(name) {
-    this.view?.look(name);
+    this.view?.setView(name);
     for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
   }
 
@@ -163,8 +163,8 @@ export class Stage {
     const box = svg.getBoundingClientRect();
     const add = (...given) => svg.append(element(...given));
     // Broken where it is behind the eye.
-    const places = (this.data.header.path ?? []).map((one) => view.project(one)?.map((value) => value.toFixed(1)).join() ?? '|');
-    for (const run of places.join(' ').split('|')) if (run.trim()) add('polyline', { class: 'path', points: run.trim() });
+    const corners = (this.data.header.path ?? []).map((one) => view.project(one)?.map((value) => value.toFixed(1)).join() ?? '|');
+    for (const run of corners.join(' ').split('|')) if (run.trim()) add('polyline', { class: 'path', points: run.trim() });
     // Each axis as the eye sees it.
     const [x, y] = [box.width - 46, 46];
     const m = view.camera.matrixWorldInverse.elements;

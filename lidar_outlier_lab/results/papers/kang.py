@@ -35,13 +35,13 @@ class Reading(NamedTuple):
         return self._replace(parameters=replace(self.parameters, k=k))
 
 
-LETTER = 'by the letter: histogram, x and y, low points'
+AS_PUBLISHED = 'as published: histogram, x and y, low points'
 BARE = 'without the histogram: x and y, low points'
 OURS = '`elevation` by default: x and y, both sides, histogram'
 SPACE = 'x, y and z, low points'
 # Section 4 applies the histogram in both of its tests. Without it: gap 0.
 READINGS: Mapping[str, Reading] = {
-    LETTER: Reading(FilterParameters().changed(METHODS['kang2018']).of(Elevation)),
+    AS_PUBLISHED: Reading(FilterParameters().changed(METHODS['kang2018']).of(Elevation)),
     BARE: Reading(Elevation(sides='low', gap=0.0)),
     'x and y, both sides': Reading(Elevation(gap=0.0)),
     OURS: Reading(Elevation()),
@@ -51,7 +51,7 @@ READINGS: Mapping[str, Reading] = {
 }
 TABLE = (30, 60)  # neighbours
 CURVE = (5, 10, 20, 30, 45, 60, 90, 120)
-DRAWN = (LETTER, BARE, OURS, 'x, y and z, both sides')
+DRAWN = (AS_PUBLISHED, BARE, OURS, 'x, y and z, both sides')
 SURFACES = '`quadric` by default: surfaces through sections'
 STRIP = 60.0  # metres of a side view, across
 
@@ -111,7 +111,7 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
         ),
         '### Figure 4',
         image('kang2018_figure_4.png', 'Side views before and after'),
-        f'Side views of a strip of {STRIP:.0f} m: before, after the method by its letter, and '
+        f'Side views of a strip of {STRIP:.0f} m: before, after the method as published, and '
         'after `elevation` with its defaults.',
     )
 
@@ -154,7 +154,7 @@ def _sigmas(sample: Sample) -> list[Sequence[str]]:
     """Say how much of the standard deviation of M the gross errors make."""
     (xyz,) = sample.clouds
     rows: list[Sequence[str]] = []
-    for name in (LETTER, BARE, SPACE):
+    for name in (AS_PUBLISHED, BARE, SPACE):
         parameters, on_map = READINGS[name]
         low, high = body(xyz[:, 2], parameters.gap)
         left = (xyz[:, 2] >= low) & (xyz[:, 2] <= high)
@@ -169,12 +169,12 @@ def _sigmas(sample: Sample) -> list[Sequence[str]]:
 def _ranges(sample: Sample) -> list[Sequence[str]]:
     """Say between which elevations points are: at first, after the histogram, after all steps."""
     (xyz,) = sample.clouds
-    z, letter = xyz[:, 2], READINGS[LETTER]
-    low, high = body(z, letter.parameters.gap)
+    z, published = xyz[:, 2], READINGS[AS_PUBLISHED]
+    low, high = body(z, published.parameters.gap)
     kept = {
         'before': np.ones(len(z), np.bool_),
         'after the histogram': (z >= low) & (z <= high),
-        **{f'by the letter, k = {k}': ~judge(xyz, letter.of(k)).rejected for k in TABLE},
+        **{f'as published, k = {k}': ~judge(xyz, published.of(k)).rejected for k in TABLE},
         'x and y, both sides, histogram, k = 30': ~judge(xyz, READINGS[OURS]).rejected,
         'good points alone': ~sample.data.bad,
     }
@@ -188,7 +188,7 @@ def _ranges(sample: Sample) -> list[Sequence[str]]:
 def _surfaces(sample: Sample) -> list[Sequence[str]]:
     """Compare with surfaces fitted to the points: the paper's "method based on entity"."""
     rows: list[Sequence[str]] = []
-    for name, values in ((LETTER, METHODS['kang2018']), (SURFACES, {'chain': ['quadric']})):
+    for name, values in ((AS_PUBLISHED, METHODS['kang2018']), (SURFACES, {'chain': ['quadric']})):
         found = count(sample, values)
         whole = found.whole
         shares = (float(found.rejected.mean()), whole.recall.ratio, whole.false_rejections.ratio)
@@ -225,7 +225,7 @@ def _views(sample: Sample) -> list[PointPanel]:
     middle = float(np.median(xyz[:, 1]))
     strip = np.abs(xyz[:, 1] - middle) < STRIP / 2
     flat, bad = xyz[strip][:, [0, 2]], sample.data.bad[strip]
-    after = {name: judge(xyz, READINGS[name]).rejected[strip] for name in (LETTER, OURS)}
+    after = {name: judge(xyz, READINGS[name]).rejected[strip] for name in (AS_PUBLISHED, OURS)}
     return [
         view(f'{sample.name}: before', flat, bad, np.ones(len(bad), np.bool_)),
         *(

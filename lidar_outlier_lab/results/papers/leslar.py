@@ -65,7 +65,7 @@ MILLION = 1e6
 
 
 def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
-    """Judge those of the three clouds that are wanted in all forms; draw figure 3."""
+    """Judge the requested clouds in all forms; draw figure 3."""
     clouds = [cloud for cloud in CLOUDS if cloud in presets]
     if not clouds:
         return NONE_OF_ITS_PRESETS

@@ -164,7 +164,7 @@ def draw_lines(  # noqa: PLR0913  all that a plain picture needs
     figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, values) in enumerate(series.items()):
-        axes.plot(x, values, label=name, marker='o', markersize=4, **plots.look_of(number))
+        axes.plot(x, values, label=name, marker='o', markersize=4, **plots.style_of(number))
     plots.dress(axes, x_label, y_label)
     if from_zero:
         axes.set_xlim(left=0)

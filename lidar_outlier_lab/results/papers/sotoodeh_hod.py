@@ -183,7 +183,7 @@ class Course(NamedTuple):
 
 
 def course(xyz: Floats, parameters: Hierarchical) -> Course:
-    """Go through the steps, for a look at them; no two points may coincide."""
+    """Go through the steps, to draw them; no two points may coincide."""
     phase = hierarchical.detect(xyz, parameters).phase
     neighbourhood = Neighbourhood(xyz, 1)
     tree = spanning_tree(gabriel_graph(neighbourhood), len(xyz))

@@ -89,7 +89,7 @@ def _residuals(cities: Sequence[surface_truth.City], seed: int) -> str:
     for i, city in enumerate(cities):
         off = city.checks
         figures = (float(off.mean()), float(off.std()), float(np.abs(off).max()))
-        rows.append((f'{len(off)} places: ours, seed {seed + i}', *_metres(figures), NOTHING))
+        rows.append((f'{len(off)} positions: ours, seed {seed + i}', *_metres(figures), NOTHING))
     rows.append(('laser: paper', *_metres((*published.LOF_RESIDUALS, published.LOF_LIMIT))))
     for i, city in enumerate(cities):
         off = city.residual

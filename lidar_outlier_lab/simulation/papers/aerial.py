@@ -79,10 +79,10 @@ def _match(total: int, rng: np.random.Generator) -> NDArray[np.void]:
     land = build(ground, CELL / 2.0, plants, rng)
     position = np.arange(rows * rows)[:total]
     x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in np.divmod(position, rows))
-    look = land.look(x, y)
-    rough = np.where(look.kind == Kind.FOLIAGE, ROUGH, MATCHING)
-    height = look.height + rough * rng.standard_normal(total)
-    return _points(MATCHED, np.stack([x, y, height]), look.kind, rng)
+    view = land.view(x, y)
+    rough = np.where(view.kind == Kind.FOLIAGE, ROUGH, MATCHING)
+    height = view.height + rough * rng.standard_normal(total)
+    return _points(MATCHED, np.stack([x, y, height]), view.kind, rng)
 
 
 def _points(

@@ -26,7 +26,7 @@ BLOCK = 90.0  # metres between the streets of a city in squares
 STOP_EVERY, STOP_TIME = 350.0, 20.0  # metres, seconds
 DRIFT_TIME = 30.0  # seconds over which the error of a position is alike
 THROWN = (40.0, 400.0)  # metres that a reflection throws a position
-HURRY = (0.6, 1.3)  # times the usual speed between stops, and the usual time at one
+PACE = (0.6, 1.3)  # times the usual speed between stops, and the usual time at one
 GATHERING = 11  # seconds, odd
 OFF = 30.0  # metres that a detour stays away from the route
 STANDING = 0.4  # share of the detours that end with the bus parked
@@ -165,9 +165,9 @@ def _drive(route: Floats, how: Line, seconds: int, rng: np.random.Generator) -> 
     while times[-1] < seconds:
         for stop in stops:
             goal = stop if forward else ends[-1] - stop
-            pace = how.speed * rng.uniform(*HURRY)
+            pace = how.speed * rng.uniform(*PACE)
             times.append(times[-1] + abs(goal - marks[-1]) / pace)
-            rest = STOP_TIME * rng.uniform(*HURRY) if stop < ends[-1] else how.rests
+            rest = STOP_TIME * rng.uniform(*PACE) if stop < ends[-1] else how.rests
             times.append(times[-1] + rest)
             marks += [goal, goal]
         forward = not forward

@@ -41,7 +41,7 @@ class City(NamedTuple):
     limit : float
         Points farther than this are outliers, metres.
     checks : (128,) float64
-        Heights of places chosen by lot over the surface model, metres.
+        Heights of positions chosen by lot over the surface model, metres.
 
     """
 
@@ -65,7 +65,7 @@ def city(seed: int, how: Flight = CITY) -> City:
     land = flown.land
     x, y = (np.arange(0.0, length, GRID) for length in land.size)
     corners = np.stack(np.meshgrid(x, y, indexing='ij')).reshape(2, -1)
-    height = land.look(*corners).height.reshape(len(x), len(y))
+    height = land.view(*corners).height.reshape(len(x), len(y))
     rough = gaussian_filter(rng.standard_normal(height.shape), 1.0)
     height = gaussian_filter(height, SMOOTH / GRID) + MATCHING * rough / rough.std()
     residual = distances(xyz, height, GRID)
@@ -75,12 +75,12 @@ def city(seed: int, how: Flight = CITY) -> City:
 
 
 def _checks(land: Landscape, height: Floats, rng: np.random.Generator) -> Floats:
-    """Measure the top of what stands at some places, and compare it with the surface model."""
+    """Measure the top of what stands at some positions, and compare it with the surface model."""
     shape = np.array(height.shape) - 1
     place = rng.uniform(0.0, 1.0, (CHECKS, 2)) * np.minimum(GRID * shape, land.size)
     (i, j), (u, v) = np.divmod(place.T / GRID, 1.0)
     model = _on_triangles(height, i.astype(np.int64), j.astype(np.int64), u, v)
-    return land.look(*place.T).height - model
+    return land.view(*place.T).height - model
 
 
 def distances(xyz: Floats, height: Floats, grid: float) -> Floats:

@@ -124,7 +124,7 @@ def _arm(town: Town, speed: float, rng: np.random.Generator) -> Surface:
     """Let a barrier across the other lane open or close while one passes it."""
     length, y = town.half_road - rng.uniform(0.2, 0.6), town.half_road - 0.3
     x = speed * rng.uniform(0.3, 0.6) - 3.0
-    # The scan plane looks to the left and back, 45° each: when does it come to the arm's middle?
+    # The scan plane points to the left and back, 45° each: when does it come to the arm's middle?
     late = (x + 1.0 + y - length / 2.0 - LANES[0]) / speed
     rate = rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
     angle = rng.uniform(0.5, 1.0) - rate * late

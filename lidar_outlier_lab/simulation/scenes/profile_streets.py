@@ -61,7 +61,7 @@ def _arm(town: Town, speed: float, seconds: float, rng: np.random.Generator) -> 
     """Let a barrier open or close while one passes it, steep or level."""
     length, y = rng.uniform(1.5, town.half_road), town.half_road - rng.uniform(0.2, 0.8)
     x = speed * rng.uniform(0.1, 0.9 * seconds) - 3.0
-    # The scan plane looks to the left and back: when does it come to the arm's middle?
+    # The scan plane points to the left and back: when does it come to the arm's middle?
     late = (x + 1.0 + y - length / 2.0 - LANES[0]) / speed
     rate = rng.uniform(0.4, 1.0) * rng.choice([-1.0, 1.0])
     angle = rng.uniform(-0.1, 1.45) - rate * late

@@ -188,10 +188,10 @@ def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     land = build(hills(size, cell, rng.uniform(0.0, 0.3), rng), cell, plants, rng)
     cells = np.divmod(np.arange(rows**2), rows)
     x, y = (step * (part + rng.uniform(0.0, 1.0, rows**2)) for part in cells)
-    look = land.look(x, y)
+    view = land.view(x, y)
     smooth, rough = rng.uniform(0.005, 0.06), rng.uniform(0.03, 0.25)
-    noise = np.where(look.kind == Kind.FOLIAGE, rough, smooth)
-    xyz = np.stack([x, y, look.height + noise * rng.standard_normal(len(x))], axis=1)
+    noise = np.where(view.kind == Kind.FOLIAGE, rough, smooth)
+    xyz = np.stack([x, y, view.height + noise * rng.standard_normal(len(x))], axis=1)
     return _good(_with_islands(xyz, rng))
 
 

@@ -17,7 +17,7 @@ TURN = 2.0 * np.pi
 MIN_RING_POINTS = 16  # returns of a ring that show its angles
 LAG = 8  # returns, to measure how fast the head turns
 GAP = 1.5  # steps between two returns from which on a beam is missing between them
-STEADY = 0.9  # share of the returns that follow the pattern: less is none
+STEADY = 0.9  # share of the returns that follow the pattern: with less there is no pattern
 LEVEL = 0.05  # rad, at most, between a return and the elevation of its ring
 
 

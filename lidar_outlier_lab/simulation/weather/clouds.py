@@ -164,15 +164,15 @@ def _most(points: Points) -> int:
 
 def _empty_rows(cloud: LabelledCloud, points: Points, convention: Convention) -> tuple[Ints, Bools]:
     """Return the times of all rows (N,), and which (N,) are missing returns whose time is known."""
-    missing, name = ~points.valid, convention.time_field
-    if name is None or not missing.any():
-        return points.t, missing
+    no_return, name = ~points.valid, convention.time_field
+    if name is None or not no_return.any():
+        return points.t, no_return
     raw = cloud.column(name)
     fine = np.abs(raw.astype(np.float64)) < LONGEST / NANOSECONDS[convention.time_unit]
     every = to_nanoseconds(raw, fine, convention.time_unit)
     known = points.t[points.valid]
     every += known[0] - every[points.valid][0]
-    within = missing & fine & (every >= known.min()) & (every <= known.max())
+    within = no_return & fine & (every >= known.min()) & (every <= known.max())
     return np.where(points.valid, points.t, every), within
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weather, put into a sensor's own cloud: what falls, hangs or drifts, and what it hides.
 
-Every beam is looked at, those without a return too. Particles in its way take light from the
+Every beam is simulated, also those without a return. Particles in its way take light from the
 surface behind them. Where their echo is stronger than what is left of the surface's, and above the
 noise, it is measured instead. The same cloud, weather and seed always give the same result.
 """

@@ -166,9 +166,9 @@ class LabelledCloud:
             return
         xyz = np.stack([self.column(name)[: self.count] for name in AXES])
         whole = any(self._layout[name].kind != 'f' for name in AXES)
-        missing = 0 if whole or (xyz == 0).all(axis=0).any() else np.nan
+        no_return = 0 if whole or (xyz == 0).all(axis=0).any() else np.nan
         for name in AXES:
-            self.column(name)[rows] = missing
+            self.column(name)[rows] = no_return
         for name in self._ranges:
             self.column(name)[rows] = 0
 

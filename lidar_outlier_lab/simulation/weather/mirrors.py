@@ -48,7 +48,7 @@ def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, B
 def mirror(
     beams: Beams, optics: Optics, share: float, rng: np.random.Generator
 ) -> tuple[Floats, Bools]:
-    """Put upright panes on what is there, and water on the ground: some beams are mirrored.
+    """Put upright panes on surfaces, and water on the ground: some beams are mirrored.
 
     A mirrored beam measures the whole way to what the pane mirrors, as if that lay behind it.
 

@@ -28,7 +28,7 @@ LATTICE = 24  # cells of the noise, until it repeats
 OCTAVES = 3
 BEAMS = 4096  # that are followed at once
 WIDE = 3.0  # standard deviations of a puff that count
-OUTSIDE = 1e-3  # per metre: so little extinction is none
+OUTSIDE = 1e-3  # per metre: less extinction counts as 0
 VOXEL = 0.2  # metres
 FARTHEST = 12.0  # metres up to which what is everywhere sends back echoes that count
 STEP = 1.0  # metres: cells of what is beyond, which only takes light
@@ -153,7 +153,7 @@ def strike(
 
     Returns
     -------
-    distance : (N,) metres of the strongest echo of the cloud; inf: there is none
+    distance : (N,) metres of the strongest echo of the cloud; inf: no echo
     power : (N,) of that echo
     left : (N,) share of the surface's light that comes through, there and back; of beams without
         a surface it says nothing
@@ -217,7 +217,7 @@ def _measure(
     echo *= rng.gamma(cloud.grains, 1.0 / cloud.grains, echo.shape)
     pulse = max(int(optics.pulse / cloud.cell), 1)
     seen = pulse * uniform_filter1d(echo, pulse, axis=1, mode='constant')
-    # What is measured is where the pulse is strongest; within it the brightest cell leads.
+    # What is measured is where the pulse is strongest; within it the brightest cell counts.
     best = np.argmax(seen + echo, axis=1)
     low, high = low[row, best], high[row, best]
     return low + (high - low) * rng.uniform(0.0, 1.0, len(low)), seen[row, best]

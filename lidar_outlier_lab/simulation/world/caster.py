@@ -4,7 +4,7 @@
 
 A row holds the shape's code, the low and the high corner of a box around it, the velocity with
 which all of it moves, and from ``REST`` on what its shape needs: see the functions ``_meet_...``.
-A ray has an origin, a direction of length one and a time. The answer is the distance (inf: missed),
+A ray has an origin, a direction of length one and a time. The result is the distance (inf: missed),
 the cosine of incidence and the *part* that was met: 0 to 2, a face that is normal to this axis; 3,
 any other; ``PANE`` more for the pane of a window.
 """

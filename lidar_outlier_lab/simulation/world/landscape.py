@@ -21,7 +21,7 @@ WAVES = 24  # that hills are made of
 EAVES = 0.3  # metres that the foot of a tree's cone is above the ground
 
 
-class Look(NamedTuple):
+class TopView(NamedTuple):
     """What is seen at N positions from above: height of the top (metres), and kind."""
 
     height: Floats
@@ -53,11 +53,11 @@ class Landscape:
         columns, rows = self.top.shape
         return (columns - 1) * self.cell, (rows - 1) * self.cell
 
-    def look(self, x: Floats, y: Floats) -> Look:
+    def view(self, x: Floats, y: Floats) -> TopView:
         """Look at positions (N,) from straight above."""
         owner = np.zeros(len(x), np.int64)
-        height = _look(self.top, self.owner, self.cell, x, y, owner)
-        return Look(height, _kinds(owner))
+        height = _view(self.top, self.owner, self.cell, x, y, owner)
+        return TopView(height, _kinds(owner))
 
     def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Bytes]:
         """Follow rays down: the distance (N,) at which each meets something, and its kind.
@@ -106,7 +106,7 @@ def _owner(owner: NDArray[np.int64], cell: float, x: float, y: float) -> int:
 
 
 @kernel
-def _look(  # noqa: PLR0913  a kernel takes arrays
+def _view(  # noqa: PLR0913  a kernel takes arrays
     top: Floats,
     owner: NDArray[np.int64],
     cell: float,

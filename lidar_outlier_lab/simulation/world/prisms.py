@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scanners without rings: their beams go through prisms that turn, or over a mirror that nods.
 
-Such a scanner looks along x. It draws other curves in every cloud, so that gaps close with time.
+Such a scanner points along x. It draws other curves in every cloud, so that gaps close with time.
 What prisms do is the law of refraction at each of their faces (Liu, Yuan and Zhang 2022, Low-cost
 retina-like robotic lidars based on incommensurable scanning, IEEE/ASME Transactions on
 Mechatronics 27). The prisms of ``MID_40`` and ``L2`` are those of the simulator HELIOS++.

@@ -33,7 +33,7 @@ class Surface:
     reflectance : float
         Share of the light that comes back at normal incidence, 0 to 1.
     cause : Cause
-        Why points on it are outliers; GOOD: they are none.
+        Why points on it are outliers; GOOD: they are not outliers.
 
     """
 

@@ -116,7 +116,7 @@ class Route:
         late = over > 0.0
         if late.any():
             heading = inside[1] + turn * over
-            # An arc: its chord leads half the turn away from where it began.
+            # An arc: its chord points half the turn away from the heading at its start.
             chord = speed * over * np.sinc(turn * over / (2.0 * np.pi))
             inside[2] += chord * np.cos(inside[1] + turn * over / 2.0)
             inside[3] += chord * np.sin(inside[1] + turn * over / 2.0)

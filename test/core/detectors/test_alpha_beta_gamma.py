@@ -118,16 +118,16 @@ def with_own_sigma(cloud: Points, rng: np.random.Generator) -> Points:
 
 
 def fast(cloud: Points, parameters: AlphaBetaGamma) -> Scores:
-    """Judge points with the package; the answer is in their order of arrival."""
+    """Judge points with the package; the result is in their order of arrival."""
     order = order_by_line(cloud)
     ordered = cloud.take(order)
-    answer = detect(ordered, find_lines(ordered, GAP), parameters)
+    result = detect(ordered, find_lines(ordered, GAP), parameters)
     back = np.argsort(order)
-    return Scores(answer.score[back], passes=answer.passes)
+    return Scores(result.score[back], passes=result.passes)
 
 
 def slow(cloud: Points, parameters: AlphaBetaGamma) -> Scores:
-    """Judge points with the twin; the answer is in their order of arrival."""
+    """Judge points with the twin; the result is in their order of arrival."""
     order = np.array(naive.scan_order(cloud.t.tolist(), cloud.line.tolist()), np.int64)
     ordered = cloud.take(order)
     t, line = ordered.t.tolist(), ordered.line.tolist()
@@ -159,10 +159,10 @@ def assert_same(got: Scores, expected: Scores, rtol: float, atol: float) -> None
 
 
 def assert_fast_is_naive(cloud: Points, parameters: AlphaBetaGamma) -> Scores:
-    """Compare the two, and return the answer; a score below 1e-9 is as good as 0."""
-    answer = fast(cloud, parameters)
-    assert_same(answer, slow(cloud, parameters), rtol=1e-9, atol=1e-9)
-    return answer
+    """Compare the two, and return the result; a score below 1e-9 is as good as 0."""
+    result = fast(cloud, parameters)
+    assert_same(result, slow(cloud, parameters), rtol=1e-9, atol=1e-9)
+    return result
 
 
 SIDES = pytest.mark.parametrize('sides', ['both', 'either'])
@@ -187,8 +187,8 @@ def test_fast_is_naive_in_all_modes(sides: str, order: int, mode: str) -> None:
     for cloud in ties(rng), points(t, noisy(curve(t), rng, 20), np.arange(80) % 2):
         own = with_own_sigma(cloud, rng) if mode == 'own' else cloud
         sigma = 0.02 if mode == 'fixed' else 0.0
-        answer = assert_fast_is_naive(own, smoother(sides=sides, order=order, sigma=sigma))
-        assert answer.passes > 1
+        result = assert_fast_is_naive(own, smoother(sides=sides, order=order, sigma=sigma))
+        assert result.passes > 1
 
 
 @SIDES
@@ -233,11 +233,11 @@ def test_degenerate_windows(name: str, order: int, sides: str) -> None:
     rng = np.random.default_rng(17)
     cloud = points(t, rng.normal(scale=NOISE, size=(len(t), 3)))
     parameters = smoother(order=order, sides=sides, sigma=NOISE)
-    answer = fast(cloud, parameters)
+    result = fast(cloud, parameters)
     expected = slow(cloud, parameters)
-    assert_same(answer, expected, rtol=1e-9, atol=1e-9)
+    assert_same(result, expected, rtol=1e-9, atol=1e-9)
     if name in ('one point', 'one time') or (name, order) == ('two times', 2):
-        assert np.isnan(answer.score).all()
+        assert np.isnan(result.score).all()
 
 
 # The other engine ---------------------------------------------------------------------------------
@@ -260,8 +260,8 @@ def test_engine_filterpy_is_the_kernel(name: str, sides: str, order: int, *, own
     if own:
         cloud = with_own_sigma(cloud, rng)
     parameters = smoother(sides=sides, order=order)
-    answer = fast(cloud, replace(parameters, engine='filterpy'))
-    assert_same(answer, fast(cloud, parameters), rtol=1e-5, atol=1e-9)
+    result = fast(cloud, replace(parameters, engine='filterpy'))
+    assert_same(result, fast(cloud, parameters), rtol=1e-5, atol=1e-9)
 
 
 def test_missing_filterpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

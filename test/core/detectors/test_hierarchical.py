@@ -42,7 +42,7 @@ def street(seed: int, count: int) -> Floats:
 
 
 def grid(*steps: int) -> Floats:
-    """Put points on a grid of so many places along each axis."""
+    """Put points on a grid of so many positions along each axis."""
     axes = np.meshgrid(*(np.arange(float(n)) for n in steps), indexing='ij')
     return np.stack([axis.ravel() for axis in axes], axis=1)
 
@@ -95,7 +95,7 @@ DEGENERATE = {
     'three points': LINE[:3],
     'four points': np.eye(4, 3),
     'all coincide': np.full((40, 3), 7.25),
-    'two places': np.repeat(LINE[:2], 20, axis=0),
+    'two positions': np.repeat(LINE[:2], 20, axis=0),
     'negative zero': np.array([[0.0, 0.0, 0.0], [-0.0, 0.0, -0.0], [1.0, 0.0, 0.0]]),
     'a line': LINE,
     'a line with a hole': LINE[np.r_[:25, 35:60]],
@@ -114,7 +114,7 @@ DEGENERATE = {
 @pytest.mark.parametrize('least', [1, 2, 5, 30])
 @pytest.mark.parametrize('name', DEGENERATE)
 def test_equals_naive_on_degenerate_clouds(name: str, least: int) -> None:
-    """What Qhull would refuse or drop has an answer."""
+    """What Qhull would refuse or drop has a result."""
     assert_like_naive(DEGENERATE[name], settings(least))
 
 
@@ -138,7 +138,7 @@ def axis(count: int) -> Floats:
 
 
 def geometric(count: int) -> Floats:
-    """Put points on a line, each a little farther from the last one; of 17 decimal places."""
+    """Put points on a line, each a little farther from the last one; of 17 decimal digits."""
     return np.stack([np.geomspace(1e-9, 1e8, count), *np.zeros((2, count))], axis=1)
 
 

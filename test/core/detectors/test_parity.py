@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""LOF and SOR give the answers of well-known programs on real clouds.
+"""LOF and SOR give the results of well-known programs on real clouds.
 
 scikit-learn is here to be asked. The counts of PCL (bun0.pcd) and PDAL (autzen-point-format-3.las)
 are those that their own tests expect.

@@ -175,7 +175,7 @@ def test_patches_against_loops(k: int, form: dict[str, Any]) -> None:
 def test_odd_clouds_against_loops(
     cloud: Callable[[np.random.Generator], Floats], form: dict[str, Any]
 ) -> None:
-    """Ties, twins, stacks, lines and single places are judged alike."""
+    """Ties, twins, stacks, lines and single positions are judged alike."""
     xyz = cloud(np.random.default_rng(9))
     neighbourhood = Neighbourhood(xyz, 1)
     order = leaf_order(neighbourhood)
@@ -187,7 +187,7 @@ def test_odd_clouds_against_loops(
 
 @pytest.mark.parametrize('section', [16, 40])
 def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are found in the tree as by looking at all points, the thinned rims of strays too."""
+    """The tree finds them as a scan of all points does, the thinned rims of strays too."""
     rng = np.random.default_rng(4)
     xyz = np.vstack([street(rng), rng.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
     neighbourhood = Neighbourhood(xyz, 1)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stream: which points are judged together, when a message is answered, what is refused."""
+"""The stream: which points are judged together, when a message is published, what is refused."""
 
 import re
 from collections.abc import Sequence
@@ -71,14 +71,14 @@ def test_naive(kind: str, seed: int) -> None:
     made.stream.chain = cast('Chain', Raising(is_raising=seed % 2 == 1))
     twin = naive.Blocks(kind, BLOCK, halo, lateness, jump, most)
     span = int(rng.choice([HALO // 4, BLOCK // 4, BLOCK]))
-    answers: list[tuple[Any, Verdict]] = []
+    results: list[tuple[Any, Verdict]] = []
     refused: set[str] = set()
     for number in range(250):
         if (chance := rng.random()) < 0.04:
-            answers += made.flush_pending()
+            results += made.flush_pending()
             twin.flush_pending()
         elif chance < 0.05:
-            answers += made.flush()
+            results += made.flush()
             twin.flush()
         else:
             times = next_times(rng, twin, span)
@@ -86,24 +86,24 @@ def test_naive(kind: str, seed: int) -> None:
             points = points_at([t or 0 for t in times], [t is None for t in times])
             said = ''
             try:
-                answers += made.push(points, number)
+                results += made.push(points, number)
             except CloudError as err:
                 said = str(err)
-                answers += made.take_finished()
+                results += made.take_finished()
             assert said.startswith(REFUSALS[reason])
             assert bool(said) == bool(reason)
             refused.add(reason)
         assert (made.held, made.resets) == (twin.held(), twin.resets)
         assert (made.waiting, made.stream.by_message) == (len(twin.pending), twin.by_message)
-        assert [tag for tag, _ in answers] == [cloud.tag for cloud in twin.answers]
-        for (tag, verdict), cloud in zip(answers, twin.answers, strict=True):
+        assert [tag for tag, _ in results] == [cloud.tag for cloud in twin.results]
+        for (tag, verdict), cloud in zip(results, twin.results, strict=True):
             is_failed = seed % 2 == 1 and any(map(raises, cloud.verdict))
             assert (tag in made.errors) == is_failed
             expected = [
                 np.nan if is_failed or near is None else number_of(near) for near in cloud.verdict
             ]
             np.testing.assert_array_equal(verdict.score, np.array(expected, np.float32))
-        answers, twin.answers = [], []
+        results, twin.results = [], []
     assert refused >= ({'late'} if kind == 'time' else {''}) | ({'held'} if most < 40 else set())
 
 
@@ -157,22 +157,22 @@ def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
 # Clouds that wait for their poses ---------------------------------------------------------------
 
 
-def answered(moving: Moving, clouds: list[object]) -> list[int]:
-    """Push clouds; return the numbers of those that are answered."""
-    answers = []
+def published(moving: Moving, clouds: list[object]) -> list[int]:
+    """Push clouds; return the numbers of those that are published."""
+    results = []
     for number, msg in enumerate(clouds):
         try:
-            answers += moving.filter.process(msg, number)
+            results += moving.filter.process(msg, number)
         except CloudError:
-            answers += moving.filter.advance()
-    return [answer.tag for answer in answers + moving.filter.flush()]
+            results += moving.filter.advance()
+    return [result.tag for result in results + moving.filter.flush()]
 
 
 def test_without_poses() -> None:
     """What waits for poses that do not come is let go of, also by clouds that are refused."""
     drive = Drive(2.0)
     moving = Moving({'max_points': 35 * SHOTS, 'max_delay': 0.45})
-    served = answered(moving, list(drive.clouds(drive.own)))
+    served = published(moving, list(drive.clouds(drive.own)))
     assert served == sorted(served)
     assert len(served) + moving.filter.statistics.refused == 20
     assert all(set(served) & set(range(begin, begin + 7)) for begin in (0, 7, 13))
@@ -184,15 +184,15 @@ def test_with_poses() -> None:
     moving = Moving({'max_points': 35 * SHOTS, 'block': 1.0, 'halo': 0.0})
     for msg in drive.odometry():
         moving.motion.take(msg)
-    assert answered(moving, list(drive.clouds(drive.own))) == [0, 1, 2, 10, 11, 12]
+    assert published(moving, list(drive.clouds(drive.own))) == [0, 1, 2, 10, 11, 12]
     assert moving.filter.statistics.without_pose == 0
 
 
 def test_live(ros: Ros) -> None:
-    """A refused cloud sends off the answers that it has completed."""
+    """A refused cloud publishes the outputs that it has completed."""
     node = ros.filter(parameters={'block': 0.01, 'halo': 0.0, 'max_points': 100})
     assert process(node, line(0), 0) == []
-    assert [answer.tag for answer in process(node, line(0.02, 101), 1)] == [0]
+    assert [result.tag for result in process(node, line(0.02, 101), 1)] == [0]
     assert process(node, line(0.04), 2) == []
-    assert [answer.tag for answer in flush(node)] == [2]
+    assert [result.tag for result in flush(node)] == [2]
     assert node.channels[0].statistics.refused == 1

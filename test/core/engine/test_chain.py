@@ -102,7 +102,7 @@ def test_vote(vote: int, chain: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize('count', [0, 1, 2, 3, 11, slow(15)])
 def test_too_few_points(count: int) -> None:
-    """What cannot be tested is left, and noted for each detector that looked at it."""
+    """Untestable points are kept, and noted for each detector that tried."""
     verdict = judge(road(3).take(slice(0, count)), *SPATIAL)
     assert len(verdict) == count
     assert not verdict.rejected.any()
@@ -173,7 +173,7 @@ def test_every_form(name: str, extra: dict[str, Any]) -> None:
     ],
 )
 def test_scores_beside_one(score: float, is_rejected: bool) -> None:  # noqa: FBT001  a parameter
-    """Rounding to float32 makes no rejected point look kept, and no kept point rejected."""
+    """Rounding to float32 turns no rejected point into a kept one, nor the reverse."""
     verdict = Verdict.untested(1)
     verdict.add(BITS['sor'], np.array([0]), Scores(np.array([score])))
     verdict.settle(1)

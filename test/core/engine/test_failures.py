@@ -14,7 +14,7 @@ import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.drives import content
 from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
-from helpers.replays import check_answers, write_drive
+from helpers.replays import check_outputs, write_drive
 from helpers.replays import cloud as sweep
 from helpers.streams import BLOCK, HALO, Census, TaggedStream, points_at, stream
 
@@ -30,7 +30,7 @@ from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.recordings.replay import replay
 
 RAISED = [FilterError('k', 'less', 3), ValueError('a\nb'), FloatingPointError(), MemoryError()]
-SENTENCE = 'the judging of a block must be free of errors, got ValueError: an error of the test'
+SENTENCE = 'detection must be free of errors, got ValueError: an error of the test'
 FAR = 1000.0  # metres; the detector of these tests raises at a point farther away
 SHORT = {'chain': ['sor'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
 
@@ -62,8 +62,8 @@ def test_frames_that_are_judged_apart_share_their_block() -> None:
     made, _ = raising([5], ValueError())
     made.push(points_at([4]), 'moved')
     made.push(points_at([5]), 'own', frame='own')
-    answers = made.push(points_at([BLOCK + HALO]), 'next') + made.flush()
-    kinds = [(tag, tag in made.errors) for tag, _ in answers]
+    outputs = made.push(points_at([BLOCK + HALO]), 'next') + made.flush()
+    kinds = [(tag, tag in made.errors) for tag, _ in outputs]
     assert kinds == [('moved', True), ('own', True), ('next', False)]
 
 
@@ -75,7 +75,7 @@ def test_the_error_is_told(error: Exception) -> None:
     made.flush()
     result = made.errors['cloud']
     sentence = str(result)
-    assert sentence.startswith('the judging of a block must be free of errors, got ')
+    assert sentence.startswith('detection must be free of errors, got ')
     assert type(error).__name__ in sentence
     assert '\n' not in sentence
     assert result.place.startswith(__file__)
@@ -133,15 +133,15 @@ def test_clouds_of_the_block_are_refused() -> None:
     clean.refuse = lambda err: refused.append(str(err))
     clean.fail = failed.append
     messages = [line(0), far(0.01), line(0.02), far(0.03), far(0.04), line(0.05)]
-    answers = [
-        answer for number, msg in enumerate(messages) for answer in clean.process(msg, number)
+    outputs = [
+        output for number, msg in enumerate(messages) for output in clean.process(msg, number)
     ] + clean.flush()
-    assert [answer.tag for answer in answers] == [0, 2, 5]
-    assert [answer.outliers.width > 0 for answer in answers] == [True] * 3
+    assert [output.tag for output in outputs] == [0, 2, 5]
+    assert [output.outliers.width > 0 for output in outputs] == [True] * 3
     assert refused == [SENTENCE] * 3
     assert [str(err) for err in failed] == [SENTENCE]
     counts = clean.statistics
-    assert counts.refusals == {'the judging of a block': 3}
+    assert counts.refusals == {'detection': 3}
     assert (counts.messages, counts.points, counts.refused, counts.failures) == (3, 300, 3, 3)
 
 
@@ -151,9 +151,9 @@ def test_clouds_of_the_block_pass() -> None:
     clean = Pipeline(FilterParameters().changed(SHORT | {'scores': True}))
     clean.pass_failed = True
     messages = [line(0), far(0.01), line(0.02)]
-    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
-    assert [answer.outliers.width for answer in answers] == [answers[0].outliers.width, 0, 1]
-    assert answers[1].cleaned.width == 100
+    outputs = [output for msg in messages for output in clean.process(msg)] + clean.flush()
+    assert [output.outliers.width for output in outputs] == [outputs[0].outliers.width, 0, 1]
+    assert outputs[1].cleaned.width == 100
     counts = clean.statistics
     assert (counts.bypassed, counts.refused, counts.failures) == ({'failure': 1}, 0, 1)
 
@@ -178,7 +178,7 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.usefixtures('broken_sor')
 def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
-    """The clouds are refused, the next one is answered; diagnostics and log say why."""
+    """The clouds are refused, the next one is published; diagnostics and log say why."""
     node = ros.filter(parameters=SHORT)
     node.start()
     sensor = Sensor(ros, '/points')
@@ -189,12 +189,12 @@ def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
         received = node.channels[0].health._tally.clouds
         while node.channels[0].health._tally.clouds == received:
             ros.executor.spin_once(0.05)
-    sensor.wait_for_answers()
+    sensor.wait_for_outputs()
     assert [msg.header for msg in sensor.cleaned] == [messages[0].header, messages[3].header]
     found = ros.diagnosis(lambda found: found['refused'] == 2)
     assert found.level == 2
     assert 'a detector raised an error in 2 blocks: see the log' in found.message
-    assert found['refused for the judging of a block'] == found['failures'] == 2
+    assert found['refused for detection'] == found['failures'] == 2
     assert ros.diagnosis(lambda found: found.level < 2)['refused'] == 2
     node.finish()
     said = capfd.readouterr().err
@@ -213,7 +213,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
         for msg in (far(begin), line(begin + 0.01)):
             receive(channel, msg)
         wait_for_thread(node)
-    assert node.channels[0].statistics.refusals == {'the judging of a block': 2}
+    assert node.channels[0].statistics.refusals == {'detection': 2}
     assert node.channels[0].statistics.bypassed == {'failure': 1}
     node.finish()
     assert node.channels[0].statistics.messages == 4
@@ -222,7 +222,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
 @pytest.mark.usefixtures('broken_sor')
 @pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through'])
 def test_replay(tmp_path: Path, policy: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Refused, whatever the policy, which is for live clouds; the others have their answers."""
+    """Refused, whatever the policy, which is for live clouds; the others have their outputs."""
     messages = [sweep(number) for number in range(6)]
     rows = np.frombuffer(messages[3].data, '<f4').copy()
     rows[0] = 2 * FAR
@@ -233,11 +233,11 @@ def test_replay(tmp_path: Path, policy: str, capsys: pytest.CaptureFixture[str])
     assert not report.is_complete
     (topic,) = report.topics
     assert (topic.messages, topic.refused) == (6, 1)
-    assert topic.refusals == {'the judging of a block': 1}
+    assert topic.refusals == {'detection': 1}
     before, after = content(source), content(tmp_path / 'out')
     del before['/lidar'][3]
-    check_answers(before, after, '/lidar')
+    check_outputs(before, after, '/lidar')
     options = [f'{name}={value}' for name, value in {'chain': '[sor]', 'halo': '0.0'}.items()]
     assert main(['replay', str(source), *(word for o in options for word in ('--set', o))]) == 3
-    reason = 'the judging of a block must be free of errors, got ValueError: an error of the test'
+    reason = 'detection must be free of errors, got ValueError: an error of the test'
     assert f'for: {reason} (1)' in capsys.readouterr().err

@@ -75,18 +75,18 @@ def test_it_is_said_while_it_runs(held: threading.Event) -> None:
 
     clean.slow = note
     messages = [line(0.1 * number) for number in range(3)]
-    answers = []
+    results = []
     for msg in messages:
         held.clear()
-        answers += clean.push(msg)
+        results += clean.push(msg)
     assert [(one.name, one.limit, one.points) for one in noted] == [('sor', 0.01, 100)] * 3
     assert [one.begin for one in noted] == [STAMP + number * SECOND // 10 for number in range(3)]
     assert [text for text in warnings if 'takes' in text] == [
         f'{SENTENCE}100 points from {STAMP / SECOND:.3f} s on'
     ]
     quick = CloudFilter(NEVER)
-    expected = [answer for msg in messages for answer in quick.push(msg)]
-    assert [answer.outliers for answer in answers] == [answer.outliers for answer in expected]
+    expected = [result for msg in messages for result in quick.push(msg)]
+    assert [result.outliers for result in results] == [result.outliers for result in expected]
 
 
 def test_who_is_in_time_is_not_named() -> None:
@@ -133,7 +133,7 @@ def test_in_a_process_that_was_forked_off() -> None:
 
 
 def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]) -> None:
-    """Diagnostics warn, with the name, while the cloud has no answer yet; the log says it once."""
+    """Diagnostics warn, with the name, while the cloud has no output yet; the log says it once."""
     longest = {'health.delay_warn': 1000.0}
     node = ros.filter(parameters={**VALUES, 'max_delay': 0.05, **longest})
     node.start()
@@ -149,7 +149,7 @@ def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]
 
 
 def test_replay(tmp_path: Path, held: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On standard error, once, with the topic; the answers are what they are."""
+    """On standard error, once, with the topic; the outputs are the same."""
     source = write_drive(tmp_path / 'drive', [sweep(number) for number in range(3)])
     options = [f'--set={name}={value}' for name, value in VALUES.items() if name != 'chain']
     listening = Listening(held)

@@ -31,15 +31,15 @@ FILES = {
         imports='from toy.number import NUMBER', name='add', value='x + NUMBER'
     ),
     'toy/caller.py': KERNEL.format(
-        imports='from toy.callee import add', name='answer', value='2 * add(x)'
+        imports='from toy.callee import add', name='double', value='2 * add(x)'
     ),
 }
 CODE = """
 import os
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, complaints
 CacheFile.allows_portable = 'HOST_ONLY' not in os.environ
-from toy.caller import answer
-print(answer(1), sum(answer.stats.cache_hits.values()), len(complaints))
+from toy.caller import double
+print(double(1), sum(double.stats.cache_hits.values()), len(complaints))
 """
 
 
@@ -53,7 +53,7 @@ def toy(tmp_path: Path) -> Path:
 
 
 def run(toy: Path, **variables: str) -> list[int]:
-    """Start Python anew; return the answer, how often it was found on disk, and complaints."""
+    """Start Python anew; return the result, how often it was found on disk, and complaints."""
     paths = [str(toy), *filter(None, [os.environ.get('PYTHONPATH')])]
     env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **variables}
     env['PYTHONDONTWRITEBYTECODE'] = '1'  # sources change within a second, and keep their length
@@ -64,16 +64,16 @@ def run(toy: Path, **variables: str) -> list[int]:
 
 
 def test_only_present_sources_count(toy: Path) -> None:
-    """A constant, two files away, changes the answer; the times of files do not."""
+    """A constant, two files away, changes the result; the times of files do not."""
     assert run(toy) == [22, 0, 0]
     for path in toy.rglob('*.py'):
         os.utime(path, (1, 1))
     assert run(toy) == [22, 1, 0]
-    files = {path.name for path in toy.rglob('caller.answer.*.nb[ic]')}
+    files = {path.name for path in toy.rglob('caller.double.*.nb[ic]')}
     (toy / 'toy' / 'number.py').write_text('NUMBER = 20\n')
     assert run(toy) == [42, 0, 0]
     # Those of the old sources are gone.
-    found = {path.name for path in toy.rglob('caller.answer.*.nb[ic]')}
+    found = {path.name for path in toy.rglob('caller.double.*.nb[ic]')}
     assert len(files) == len(found) == 2
     assert not files & found
 
@@ -168,7 +168,7 @@ def test_portable_kernels_that_are_not_run(brought: Path) -> None:
     if kernel_cache.NEEDED:
         assert run(brought, NUMBA_CPU_FEATURES='+avx2') == [22, 0, 1]
     for suffix in ('nbi', '1.nbc'):
-        (file,) = brought.rglob(f'portable/caller.answer.*.{suffix}')
+        (file,) = brought.rglob(f'portable/caller.double.*.{suffix}')
         content = file.read_bytes()
         file.write_bytes(content[:-50] + bytes([content[-50] ^ 1]) + content[-49:])
         assert run(brought, NUMBA_CACHE_DIR=str(brought / suffix)) == [22, 0, 1]

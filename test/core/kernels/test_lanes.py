@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points in lanes: each lane is sorted by itself, and each wanted point has its turn."""
+"""Points in lanes: each lane is sorted by itself, and each requested point has its turn."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def test_networks_sort_all_zeros_and_ones(count: int) -> None:
 
 @pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
 @pytest.mark.parametrize('size', [1, 4, 32])
-def test_fills_lanes_with_the_wanted(share: float, size: int) -> None:
-    """Each wanted point once, in order; lanes that are left over repeat the last."""
+def test_fills_lanes_with_requested_points(share: float, size: int) -> None:
+    """Each requested point once, in order; lanes that are left over repeat the last."""
     selected = np.random.default_rng(7).random(150) < share
     begin, end, seen = 3, 141, []
     points = np.empty(size, np.int64)

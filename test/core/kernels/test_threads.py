@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.kernels import threads
 @pytest.mark.parametrize('number', [0, 1, 2, 7])
 @pytest.mark.parametrize('count', [0, 1, 9, 10, 11, 95])
 def test_ranges_cover_all_in_order(count: int, number: int) -> None:
-    """The last range is what is left; the answers come in order, whoever was first."""
+    """The last range is what is left; the results come in order, whoever was first."""
     expected = [(i, min(i + 10, count)) for i in range(0, count, 10)]
     assert threads.run(lambda begin, end: (begin, end), count, 10, number) == expected
 
@@ -96,8 +96,8 @@ def test_cores_are_those_of_the_process() -> None:
         'import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))});'
         'from lidar_outlier_filter.core.kernels.threads import cores; print(cores())'
     )
-    answer = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
-    assert answer.stdout == b'1\n'
+    result = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
+    assert result.stdout == b'1\n'
 
 
 def test_callers_and_levels_do_not_wait_for_each_other() -> None:
@@ -107,8 +107,8 @@ def test_callers_and_levels_do_not_wait_for_each_other() -> None:
         return sum(threads.run(lambda i, j: sum(range(i, j)), end - begin, 7, 2))
 
     with ThreadPoolExecutor(4) as callers:
-        answers = list(callers.map(lambda _: threads.run(sums, 400, 100, 2), range(8)))
-    assert answers == [[4950] * 4] * 8
+        results = list(callers.map(lambda _: threads.run(sums, 400, 100, 2), range(8)))
+    assert results == [[4950] * 4] * 8
 
 
 def test_works_in_a_forked_process() -> None:
@@ -124,14 +124,14 @@ other.start()
 started.wait(30)
 child = os.fork()
 if child == 0:
-    answer = threads.run(lambda i, j: j - i, 10, 3, 2)
-    os._exit(0 if answer == [3, 3, 3, 1] else 1)
+    result = threads.run(lambda i, j: j - i, 10, 3, 2)
+    os._exit(0 if result == [3, 3, 3, 1] else 1)
 status = os.waitpid(child, 0)[1]
 go_on.set()
 other.join()
 print(os.waitstatus_to_exitcode(status))
 """
-    answer = subprocess.run(
+    result = subprocess.run(
         [sys.executable, '-c', program], check=True, capture_output=True, timeout=60
     )
-    assert answer.stdout == b'0\n'
+    assert result.stdout == b'0\n'

@@ -40,7 +40,7 @@ def _calculate(a: Singles, b: Singles, wide: NDArray[np.float64], out: Singles) 
 
 @pytest.mark.parametrize('seed', range(20))
 def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
-    """Of numbers that are none, have no sign, are subnormal or the same, too."""
+    """Also of NaN, zeros, subnormal and equal numbers."""
     rng = np.random.default_rng(seed)
     some = np.array([*SPECIAL, *rng.normal(size=5)], np.float32)
     a, b = rng.choice(some, (2, WIDTH))
@@ -57,6 +57,6 @@ def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
                 TWO,
             ]
         for got, number in zip(out[:, lane], expected, strict=True):
-            # A number that is none has any sign.
+            # The sign of NaN is arbitrary.
             same = np.isnan(got) and np.isnan(number)
             assert same or np.float32(got).tobytes() == np.float32(number).tobytes()

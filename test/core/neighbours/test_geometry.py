@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hard shapes: no detector is much slower than on a street, and none looks where a cloud is."""
+"""Hard shapes: no detector is much slower than on a street, wherever the cloud is."""
 
 from collections.abc import Callable
 from dataclasses import replace

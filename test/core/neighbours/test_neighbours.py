@@ -25,7 +25,7 @@ Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 UTM = np.array([389_512.25, 5_819_204.5, 34.125])
-SMALL = 150  # points of the clouds that the naive twin looks at
+SMALL = 150  # points of the clouds for the naive twin
 LARGE = 100_000  # more than one thread sorts alone
 
 # Clouds of n points ------------------------------------------------------------------------------
@@ -45,7 +45,7 @@ def sheet(rng: Rng, n: int) -> Floats:
 
 
 def lattice(rng: Rng, n: int) -> Floats:
-    """Take places with integer coordinates, some twice: nearly every point has ties."""
+    """Take positions with integer coordinates, some twice: nearly every point has ties."""
     return rng.integers(0, round(n ** (1 / 3)) + 1, (n, 3)).astype(np.float64)
 
 
@@ -65,7 +65,7 @@ def same(_: Rng, n: int) -> Floats:
 
 
 def stacks(rng: Rng, n: int) -> Floats:
-    """Put ever so many points on few places, with zeros of both signs, among others."""
+    """Put ever so many points on few positions, with zeros of both signs, among others."""
     xyz = rng.integers(-1, 2, (n, 3)) * rng.choice([-0.0, 1.0], (n, 3))
     xyz[: n // 4] = rng.normal(size=(n // 4, 3))
     return rng.permutation(xyz)
@@ -143,7 +143,7 @@ CLOUDS: list[Callable[[Rng, int], Floats]] = [
 ]
 every_cloud = pytest.mark.parametrize('cloud', CLOUDS)
 
-# Answers, turned back to the order given ----------------------------------------------------------
+# Results, turned back to the order given ----------------------------------------------------------
 
 
 def lists(neighbourhood: Neighbourhood, k: int) -> Lists:
@@ -169,7 +169,7 @@ def counted(xyz: Floats) -> Floats:
 
 
 def assert_same_lists(one: Lists, other: Lists) -> None:
-    """Hold two answers to each other, to the last tie."""
+    """Compare two results, to the last tie."""
     assert_array_equal(one[0], other[0])
     assert_array_equal(one[1], other[1])
 
@@ -257,11 +257,11 @@ def test_long_lists(k: int) -> None:
     assert_exact(xyz, Neighbourhood(xyz, k), k, 30)
 
 
-@pytest.mark.parametrize('places', ['different', 'few'])
-def test_all_equally_far(places: str) -> None:
+@pytest.mark.parametrize('positions', ['different', 'few'])
+def test_all_equally_far(positions: str) -> None:
     """The middle of a sphere has more ties than a search holds; its neighbours are the first."""
     rng = np.random.default_rng(7)
-    if places == 'different':
+    if positions == 'different':
         xyz = rng.permutation(np.concatenate([_on_a_sphere(1155), np.zeros((1, 3))]))
     else:
         xyz = shell(rng, 20_000)
@@ -323,8 +323,8 @@ def test_several_threads_ask_at_once() -> None:
     expected = lists(Neighbourhood(xyz, 10), 10)
     neighbourhood = Neighbourhood(xyz, 10)
     with ThreadPoolExecutor(4) as callers:
-        for answer in callers.map(lambda _: lists(neighbourhood, 10), range(8)):
-            assert_same_lists(answer, expected)
+        for result in callers.map(lambda _: lists(neighbourhood, 10), range(8)):
+            assert_same_lists(result, expected)
 
 
 # The tree -----------------------------------------------------------------------------------------
@@ -460,7 +460,7 @@ def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_wrong_points_are_refused(xyz: Floats, message: str) -> None:
-    """Shapes, missing returns, and numbers whose squares are none."""
+    """Shapes, missing returns, and numbers whose squares overflow."""
     with pytest.raises(FilterError, match=message):
         Neighbourhood(xyz, 1)
 
@@ -481,7 +481,7 @@ def test_wrong_numbers_of_neighbours_are_refused(k: int) -> None:
 
 
 def test_other_mistakes_are_refused() -> None:
-    """Numbers that are too small, masks and indices of another cloud, limits that are none."""
+    """Numbers that are too small, masks and indices of another cloud, invalid limits."""
     xyz = np.eye(3)
     with pytest.raises(FilterError, match='at least 1, got 0'):
         Neighbourhood(xyz, 0)
@@ -515,7 +515,7 @@ def test_nothing_takes_quadratic_time(cloud: Callable[[Rng, int], Floats]) -> No
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize('size', [1e-310, 1e-200, 1e-161, 1e-155])
 def test_distances_that_underflow_take_no_longer(size: float) -> None:
-    """20 000 points so near each other; a search that looks at all pairs takes 1000 × as long."""
+    """20 000 points so near each other; a search through all pairs takes 1000 × as long."""
     xyz = scattered(np.random.default_rng(27), 20_000)
     times = [min(_time_of(factor * xyz) for _ in range(3)) for factor in (1.0, size)]
     assert times[1] < 10 * times[0]
@@ -549,5 +549,5 @@ before = peak()
 search(xyz)
 print((peak() - before) / len(xyz))
 """
-    answer = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
-    assert 80 < float(answer.stdout) < 200
+    result = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
+    assert 80 < float(result.stdout) < 200

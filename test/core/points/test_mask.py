@@ -144,11 +144,11 @@ def test_what_passes_by_is_no_vehicle(kind: str) -> None:
     assert not learner.learn().is_seen[14].any()
 
 
-def test_looks_from_one_place_do_not_count() -> None:
+def test_turns_from_one_position_do_not_count() -> None:
     """A vehicle that stands learns nothing, though all stays where it is."""
     learner = MaskLearner(10.0)
     assert [learner.add(points_of(turn(n, place=0))) for n in range(5)] == [True] + [False] * 4
-    assert (learner.looks, learner.taken) == (5, 1)
+    assert (learner.turns, learner.taken) == (5, 1)
     # Odometry counts before the scene: a road through a desert shows no change.
     there = MaskLearner(10.0)
     taken = [

@@ -37,11 +37,11 @@ def random_points(seed: int) -> Points:
 
 def segments_of(lines: Lines) -> list[int]:
     """Return the number of the segment of each point, as the links make them."""
-    answer: list[int] = []
+    result: list[int] = []
     for i, neighbour in enumerate(lines.before.tolist()):
         assert neighbour in {-1, i - 1}
-        answer.append(0 if not answer else answer[-1] + (neighbour == -1))
-    return answer
+        result.append(0 if not result else result[-1] + (neighbour == -1))
+    return result
 
 
 @pytest.mark.parametrize('seed', range(12))
@@ -92,7 +92,7 @@ def mirror(count: int, per_turn: float) -> tuple[NDArray[np.float64], NDArray[np
 def test_each_turn_over_open_ground_is_a_line(span: int, cut: int, sense: int) -> None:
     """Each turn begins a line where few of its shots return, whichever way the mirror turns.
 
-    The angles begin anew where nothing returns, as those of a sensor do that looks down.
+    The angles restart where nothing returns, as on a sensor that points down.
     """
     degree, turn = np.tile(np.arange(span + 1), 22), np.repeat(np.arange(22), span + 1)
     start = {0: 0, 90: -90, 180: -180 if span <= 180 else -span // 2, 270: 180 - span}[cut]
@@ -123,7 +123,7 @@ def test_angles_against_loops(seed: int) -> None:
 
 
 def test_points_are_taken_and_joined() -> None:
-    """Columns stay together; without a standard deviation there is none after either."""
+    """Columns stay together; without a standard deviation before there is also no one after."""
     points = random_points(5)
     parts = [points.take(slice(0, 2)), points.take(slice(2, 2)), points.take(slice(2, None))]
     joined = concatenate(parts)

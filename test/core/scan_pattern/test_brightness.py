@@ -86,7 +86,7 @@ def test_parts_without_intensities() -> None:
     ],
 )
 def test_decoder_reads_them(name: str, kind: str, chain: str, *, known: bool) -> None:
-    """Any number of a usual name is one, where a detector looks at it; too much is infinite."""
+    """A field of a usual name counts if a detector reads it; too large numbers are infinite."""
     values = [1.0, 1e300 if kind == 'f8' else 77.0, 3.0]
     rows = table(3, ring=('u2', 0), t=('u4', np.arange(3)), **{name: (kind, values)})
     points = Decoder(FilterParameters().changed({'chain': [chain]})).decode(cloud(rows))

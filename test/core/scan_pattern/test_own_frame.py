@@ -46,7 +46,7 @@ def moved(points: Points, away: float = 0.0) -> Points:
 
 @pytest.mark.parametrize(('offsets', 'away'), [(0.0, 0.0), (0.05, 0.0), (0.0, 4e6)])
 def test_the_sensor_is_found(offsets: float, away: float) -> None:
-    """Within 2 cm and about a degree, wherever it drives; rings may look to one side."""
+    """Within 2 cm and about a degree, wherever it drives; rings may point to one side."""
     points = turn_of_a_head(offsets)
     found = find_own_frame(moved(points, away))
     assert found is not None
@@ -79,7 +79,7 @@ def test_two_returns_of_a_shot() -> None:
 
 
 def test_order_does_not_matter() -> None:
-    """Points of a stream may come in any order: the answer is the same, bit for bit."""
+    """Points of a stream may come in any order: the result is the same, bit for bit."""
     given = moved(turn_of_a_head())
     order = np.random.default_rng(1).permutation(len(given))
     one, other = find_own_frame(given), find_own_frame(given.take(order))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rings recovered from elevation: those that were measured, and none where there are none."""
+"""Rings recovered from elevation: measured rings are found, and no others."""
 
 import csv
 import json
@@ -179,7 +179,7 @@ def test_sweeps(real_data: Path, name: str) -> None:
      'test_semis_2021_0382_6565_LA93_IGN69_cropped.laz', 'bun0.pcd'],
 )  # fmt: skip
 def test_others_have_none(real_data: Path, name: str) -> None:
-    """Clouds from the air, of walls and of things have none, wherever one looks from."""
+    """Clouds from the air, of walls and of objects have no rings, from any position."""
     xyz = np.stack(columns(real_data / 'clouds' / name, 'x', 'y', 'z'), axis=1, dtype=np.float64)
     if name.startswith('samp41'):
         xyz = xyz[np.isfinite(xyz).all(axis=1)]

@@ -34,7 +34,7 @@ def sweep(*xyz: tuple[float, float, float]) -> Points:
 
 
 def test_drift() -> None:
-    """Where a drive begins, and which way it looked there, is no drift."""
+    """The start of a drive, and its heading there, are no drift."""
     truth = [pose(0, 0), pose(3, 0), pose(6, 0)]
     assert downstream.drift(truth, truth) == 0
     moved = [pose(9, 9, LEFT), pose(9, 12, LEFT), pose(9, 15, LEFT)]

@@ -35,6 +35,8 @@ def test_load_reads_what_diagnostics_say(capsys: pytest.CaptureFixture[str]) -> 
     """All values that it prints of /diagnostics are there."""
     sample = Health().sample(1.0, HealthLimits(), 1.0, Backlog(0, 0.0, 0))
     load = runpy.run_path(str(BENCHMARKS / 'load.py'))
-    look = load['look']({'values': {**sample.values, 'lost': '0'}, 'level': 0, 'message': ''}, 9.0)
-    assert (look.memory, look.is_well) == (9.0, False)
+    taken = load['sample'](
+        {'values': {**sample.values, 'lost': '0'}, 'level': 0, 'message': ''}, 9.0
+    )
+    assert (taken.memory, taken.is_well) == (9.0, False)
     assert '0.0 clouds/s' in capsys.readouterr().out

@@ -32,7 +32,7 @@ def test_rows(livox: dict[str, Any]) -> None:
     """A row has F1 and good points lost: of the default, and of each peer where it is best."""
     (snow,) = (sweep for sweep in livox['sweeps']('Mid-40', 3) if sweep.kind == 'light_snow')
     judged = livox['Judged']()
-    livox['look'](judged, snow)
+    livox['judge_sweep'](judged, snow)
     best = {}
     for name, (row,) in judged.peers.items():
         top = row.f1.argmax()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The judging of real snow, on a made-up sequence in the same layout: nothing of it is real."""
+"""Evaluation on real snow, on a made-up sequence in the same layout: nothing of it is real."""
 
 import sys
 from importlib import import_module
@@ -145,7 +145,7 @@ def test_neighbours_of_peers(folder: Path) -> None:
 
 
 def test_the_network_is_asked_as_its_own_code_asks(folder: Path) -> None:
-    """Nine neighbours, copies too, 1 m more than their distance; the larger answer counts."""
+    """Nine neighbours, copies too, 1 m more than their distance; the larger result counts."""
     (sweep, *_) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
     cloud = sweeps.cloud(sweep, 'both')
     asked: dict[str, Any] = {}

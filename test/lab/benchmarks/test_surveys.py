@@ -23,14 +23,14 @@ def test_against_loops(peers: dict[str, Any], seed: int) -> None:
     rng = np.random.default_rng(seed)
     count, tall = int(rng.integers(1, 80)), rng.choice([0.2, 1.0, 3.0])
     xyz = rng.uniform(0.0, 20.0, (count, 3)) * (1.0, 1.0, tall)
-    places = [tuple(row) for row in xyz.tolist()]
+    positions = [tuple(row) for row in xyz.tolist()]
     for cell, drop in ((5.0, 1.0), (3.0, 0.5), (50.0, 2.0)):
         np.testing.assert_array_equal(
-            peers['minima'](xyz, cell, drop), naive.minima(places, cell, drop)
+            peers['minima'](xyz, cell, drop), naive.minima(positions, cell, drop)
         )
     for side, few in ((2.0, 5), (5.0, 6)):
         np.testing.assert_array_equal(
-            peers['isolated'](xyz, side, few), naive.isolated(places, side, few)
+            peers['isolated'](xyz, side, few), naive.isolated(positions, side, few)
         )
 
 

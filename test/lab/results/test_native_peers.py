@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ring filter in C++ is the one of a plain loop; a peer that is another is not measured.
 
-PCL is on few machines: whoever measures it compares its answers first, by ``bench.same``.
+PCL is on few machines: whoever measures it compares its results first, by ``bench.same``.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def test_all_are_measured_on_a_sweep(native: NativePeers) -> None:
     assert 0 < rejected.mean() < 0.3
 
 
-def test_another_answer_is_refused() -> None:
+def test_another_result_is_refused() -> None:
     """No table is written then."""
     with pytest.raises(FilterError, match=r'that DROR on PCL rejects must be .* got 1'):
         bench.same('DROR on PCL', np.array([True, False]), np.array([True, True]))

@@ -72,13 +72,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 # Kang ---------------------------------------------------------------------------------------------
 
 
-def test_the_letter_is_one() -> None:
+def test_published_form_is_in_page_and_file() -> None:
     """The row of the page is the file of the method, with the histogram that section 4 has."""
-    values = METHODS['kang2018']
-    assert FilterParameters().changed(values).of(Elevation) == kang.READINGS[kang.LETTER].parameters
-    assert kang.READINGS[kang.LETTER].parameters.gap > 0
+    parameters = kang.READINGS[kang.AS_PUBLISHED].parameters
+    assert FilterParameters().changed(METHODS['kang2018']).of(Elevation) == parameters
+    assert parameters.gap > 0
     page = (TABLES / 'kang2018.md').read_text(encoding='utf-8')
-    assert page.count(f'| {kang.LETTER} | ') == 2
+    assert page.count(f'| {kang.AS_PUBLISHED} | ') == 2
 
 
 # Pirotti ------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def street() -> Sample:
 
 
 def test_count() -> None:
-    """The road is counted alone; without one there is none."""
+    """The road is counted alone; a cloud without road counts nothing."""
     counted = count(street(), {'chain': ['sor'], 'sor.statistic': 'radius'})
     assert counted.whole.total == len(counted.rejected) == 4004
     assert counted.whole.found == 4

@@ -195,7 +195,7 @@ def test_sensors_have_their_rings(count: int) -> None:
     sensor = SENSORS[count]
     assert sensor.lines_per_second == pytest.approx(10.0, rel=0.01)
     assert sensor.shots_per_line == count * sensor.columns
-    # Above and below a plain all lasers that look down see it, and no other.
+    # Above and below a plain all lasers that point down see it, and no others.
     _, points = returns(turning(sensor=replace(sensor, farthest=1e6, weakest=0.0), turns=1))
     below = np.flatnonzero(np.array(sensor.elevation) < 0.0)
     np.testing.assert_array_equal(np.unique(points['ring']), below)
@@ -214,7 +214,7 @@ def test_points_lie_in_their_rings() -> None:
         np.testing.assert_allclose(np.arctan2(z, np.hypot(x, y))[some], elevation, atol=1e-6)
         steps = np.diff(np.unwrap(np.arctan2(y, x)[some])) / (2.0 * np.pi / SMALL.columns)
         np.testing.assert_allclose(steps, -1.0, atol=1e-3)  # clockwise
-    # The first laser of the first column looks straight back.
+    # The first laser of the first column points straight back.
     assert (x[0], y[0]) == pytest.approx((-8.0, 0.0), abs=0.06)
     np.testing.assert_array_equal(points['ring'], shot % 4)
 

@@ -25,7 +25,7 @@ def slow(land: Landscape, origin: Floats, direction: Floats) -> float:
     """Follow a ray in tiny steps until it is below what is seen from above there."""
     distance = np.arange(0.0, 60.0, STEP)
     x, y, z = origin[:, None] + distance * direction[:, None]
-    below = z <= land.look(x, y).height
+    below = z <= land.view(x, y).height
     return float(distance[np.argmax(below)])
 
 

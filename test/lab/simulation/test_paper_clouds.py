@@ -123,7 +123,7 @@ def test_clusters(seed: int) -> None:
 
 
 def test_course() -> None:
-    """Each step is made of the one before, and the last one is the answer."""
+    """Each step is made of the one before, and the last one is the result."""
     scene, parameters = simulate(0), Hierarchical()
     steps = sotoodeh_hod.course(scene.xyz, parameters)
     assert len(steps.tree) == len(scene.xyz) - 1
@@ -144,7 +144,7 @@ def test_course() -> None:
 
 
 def test_pixels_are_directions() -> None:
-    """Row 0 looks up, the middle column ahead; every shot in a room has a point."""
+    """Row 0 points up, the middle column ahead; every shot in a room has a point."""
     room = tripod.room(1, rows=60, columns=360)
     assert len(room.points) == 60 * 360
     from_scanner = room.xyz - [-1.2, 0.0, 1.3]

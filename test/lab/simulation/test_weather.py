@@ -209,7 +209,7 @@ def test_a_puff_takes_light_there_and_back(centre: float, nearest: float) -> Non
     _, _, left = struck(
         plumes.Plume((puff,), uneven=0.0, cell=0.05), level(20.0), Optics(nearest=nearest)
     )
-    # Within 3 standard deviations: all but 0.3 %. The first beam looks along -x.
+    # Within 3 standard deviations: all but 0.3 %. The first beam points along -x.
     assert left[0] == pytest.approx(np.exp(-2 * 0.5 * 0.8 * np.sqrt(2 * np.pi)), rel=0.02)
     assert left[1000] == 1.0
 

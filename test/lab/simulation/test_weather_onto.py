@@ -73,8 +73,8 @@ def decoded(msg: Any, name: str) -> Points:
 
 def find(some: Rows, others: Rows, fields: list[str]) -> list[int]:
     """Say which row each is, by the bytes of these fields."""
-    places = {row.tobytes(): i for i, row in enumerate(repack_fields(others[fields]))}
-    return [places[row.tobytes()] for row in repack_fields(some[fields])]
+    positions = {row.tobytes(): i for i, row in enumerate(repack_fields(others[fields]))}
+    return [positions[row.tobytes()] for row in repack_fields(some[fields])]
 
 
 def put(msg: Any, name: str, weather: str, seed: int = 1, returns: str = 'strongest') -> Any:
@@ -153,22 +153,22 @@ def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('kinds', 'missing', 'hidden'),
+    ('kinds', 'no_return', 'hidden'),
     [
         ('fff', (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)),
         ('fff', (0, 0, 0), (0, 0, 0)),
-        ('fff', (1, 2, 3), (np.nan, np.nan, np.nan)),  # none is missing
+        ('fff', (1, 2, 3), (np.nan, np.nan, np.nan)),  # a return in every row
         ('uff', (1, 2, 3), (0, 0, 0)),
     ],
 )
 def test_hidden_like_what_is_missing(
-    kinds: str, missing: tuple[float, ...], hidden: tuple[float, ...]
+    kinds: str, no_return: tuple[float, ...], hidden: tuple[float, ...]
 ) -> None:
     """All axes alike; points in a plane through the sensor, at x = 0, are not missing."""
     points = np.ones(8, [(axis, f'<{kind}4') for axis, kind in zip('xyz', kinds, strict=True)])
     for row, axis in enumerate('xyz'):
         points[axis][row] = 0
-    points[3] = missing
+    points[3] = no_return
     msg = replace(to_message(10**18, points), height=2, width=4, row_step=48)
     cloud = LabelledCloud(msg)
     cloud.hide(np.array([5, 6]))
@@ -191,7 +191,7 @@ XYZ = [(axis, '<f4') for axis in 'xyz']
     ],
 )
 def test_refused(fields: list[tuple[str, str]], returns: str, words: str) -> None:
-    """Clouds in which no sensor spins, and clouds that do not say when and where it looked."""
+    """Clouds in which no sensor spins, and clouds without times and directions."""
     rng, points = np.random.default_rng(1), np.zeros(4000, fields)
     for name, kind in fields:
         points[name] = np.arange(4000) if kind == '<u4' else rng.uniform(1, 9, 4000)

@@ -61,10 +61,10 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     """Test every point against the prediction from its window.
 
-    Each pass rejects, of all points that fail, those that fail worse than every other within reach
-    of their window, and the next one tests the neighbours again without them: the worst of a window
-    carries the others with it, so rejecting all at once would reject good ones. The last pass
-    allowed rejects all that fail.
+    Each pass rejects failing points with the largest score within reach of their windows; the next
+    pass tests their neighbours without them. A large outlier makes its neighbours fail, too:
+    rejecting all failing points at once would reject good ones. The last allowed pass rejects all
+    failing points.
 
     Parameters
     ----------

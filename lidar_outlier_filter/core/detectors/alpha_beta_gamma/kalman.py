@@ -7,7 +7,7 @@ states position, velocity and (order 2) acceleration of x, y and z, without proc
 by its Rauch-Tung-Striebel smoother. The instant in question is a step without measurement.
 
 The start is exact. A large first covariance ("nothing is known yet") would not do: too small, it
-draws the answer to itself; too large, the digits of the answer cancel; of 1e6 to 1e12 times the
+draws the result to itself; too large, the digits of the result cancel; of 1e6 to 1e12 times the
 variance of a point, none comes within 1e-6 of least squares in all windows. Instead the outermost
 points and the one that lies best between them fix the first state and its variance, and all others
 update it: the same least squares solution, to 1e-9 in the worst windows tried, 1e-12 in most.

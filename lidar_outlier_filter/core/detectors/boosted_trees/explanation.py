@@ -31,7 +31,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 )
 from lidar_outlier_filter.core.detectors.declaration import Contributions, Explanation, ReasonName
 from lidar_outlier_filter.core.neighbours.duplicates import K
-from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     hood, index, (copy, original) = survey.find_distinct(xyz, seen.threads)
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
-    near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), seen.threads))
+    near = survey.neighbours(hood, measure_floor(xyz, np.arange(len(xyz)), seen.threads))
     first = survey.first_odds(near, model.first, seen.threads)
     asked, column = selected.copy(), np.empty(len(xyz), np.int64)
     asked[original[selected[copy]]] = True

@@ -133,7 +133,7 @@ FAR = {
 
 
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
-# second pass, and of profile scanners. 0 is none.
+# second pass, and of profile scanners. 0: no feature.
 FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE))
 LIKELY = ('range', 'range_ratio_glare', 'uneven', 'share', 'share_range')  # no reasons
 REASON_NAMES = {

@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern, judge
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
@@ -35,13 +35,13 @@ class Method(Enum):
 
 
 def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
-    """Find the scan pattern of points; None where they have none, so that trees cannot judge them.
+    """Find the scan pattern of points; None if there is no pattern for the trees.
 
     Parameters
     ----------
     points : valid ones
-    sensor : 'spinning', 'profile', or 'auto': whichever it is; 'free': one without rings
-    threads : at most so many at once; 0 for as many as there are cores
+    sensor : 'spinning', 'profile', 'auto' (either), or 'free' (a scanner without rings)
+    threads : maximum number of threads; 0: all cores
 
     """
     if sensor == 'free':
@@ -76,8 +76,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
-    Without a scan pattern, the neighbours of a point are on other scan lines. A stretch of a stream
-    with one scan line has none, so its points stay untested.
+    Without a scan pattern, the neighbours of a point are on other scan lines. The points
+    of a block with a single scan line have none, and stay untested.
     """
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
@@ -131,7 +131,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     if method is Method.UNTESTED:
         return Scores(np.full(len(points), np.nan), scaled=True, method=method.value)
     if found is None:
-        around = look_around(points.xyz, np.arange(len(points)), parameters.threads)
+        around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
         return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None

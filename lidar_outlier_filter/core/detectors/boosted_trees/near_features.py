@@ -201,7 +201,7 @@ def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
         count = _step(near, reached[done], count, mark, buffers)
         done += 1
     two, begin, end, at = count - 1, done, count, count
-    # What leads to a point leads to all that this one leads to.
+    # A point that reaches a large component belongs to it.
     for i in range(count):
         if near.is_large[reached[i]]:
             return two, LARGEST_COMPONENT

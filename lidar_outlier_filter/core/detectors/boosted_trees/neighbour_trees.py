@@ -5,7 +5,7 @@
 The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
 good, the second trees see the sixty nearest, and the first log-odds of these. So the wide search,
 which takes long, is for few points. A verdict depends on the neighbours of a point, and on the
-floor of the whole cloud. Coincident points are judged as one: neighbours are at other places.
+floor of the whole cloud. Coincident points are judged as one: neighbours are at other positions.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
     xyz : (N, 3) float64
         Metres, finite; z points up.
     around : Floor
-        What :func:`.look_around` finds in the whole cloud.
-    threads : at most so many at once; 0 for as many as there are cores
+        What :func:`.measure_floor` finds in the whole cloud.
+    threads : maximum number of threads; 0: all cores
     allocate : returns large arrays, in memory or in files
 
     Returns

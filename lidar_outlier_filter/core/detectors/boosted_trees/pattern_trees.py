@@ -94,7 +94,7 @@ def judge(
     ----------
     pattern : of the points
     threshold : the user's: 1 for that of the model, more for fewer rejected
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
     profile : whether the pattern is that of a profile scanner
     reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
 
@@ -133,7 +133,7 @@ def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
 
 
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
-    """Give each place its log-odds; those of places without a point are 0."""
+    """Give each place its log-odds; those of positions without a point are 0."""
     score = np.zeros(len(prepared.pattern.order), np.float32)
     _run(prepared, None, np.ones(len(score), np.bool_), trees, threads, score)
     return count_scores(prepared.pattern, score)
@@ -154,7 +154,7 @@ def measure(
     asked: Bools | None = None,
     threads: int = 1,
 ) -> Singles:
-    """Return the features (F, W) of the asked places (M,), or of all; of the second pass if given.
+    """Return the features (F, W) of the asked positions (M,), or of all; of either pass.
 
     Without a point, a place has features of 0.
     """
@@ -175,11 +175,11 @@ def _run(
     odds: Singles,
     values: Singles = np.empty((0, 0), np.float32),  # noqa: B008  nothing is written
 ) -> None:
-    """Write the log-odds (M,) of the asked places (M,); features where ``values`` has rows."""
+    """Write the log-odds (M,) of the asked positions (M,); features if ``values`` has rows."""
     pattern, profile, second = prepared.pattern, prepared.profile, first is not None
     given = first or NO_FIRST_PASS
     column = np.cumsum(asked) - 1 if len(values) > 0 else np.empty(0, np.int64)
-    # The first pass judges all places, which takes long.
+    # The first pass judges all positions, which takes long.
     at_once = lines_at_once(len(pattern.first), len(odds)) if second else LINES_AT_ONCE
     pool.run(
         lambda i, j: _judge(
@@ -207,25 +207,25 @@ def _judge(
     # The only place that gathers windows, writes features and adds trees up: each further one would
     # take seconds to compile.
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
-    places = room.window.places
+    positions = room.window.positions
     for line in range(begin, end):
         k = pattern.first[line]
         while k < pattern.last[line]:
-            count, k = fill(places, asked, k, pattern.last[line])
+            count, k = fill(positions, asked, k, pattern.last[line])
             if count > 0:
                 write_values(prepared, profile, first, second, line, room)
                 add_lanes(trees, room.values, total)
             for lane in range(count):
-                odds[places[lane]] = total[lane]
+                odds[positions[lane]] = total[lane]
             if len(values) > 0:
-                _copy_values(room.values, places[:count], column, values)
+                _copy_values(room.values, positions[:count], column, values)
 
 
 @noalias_kernel
-def _copy_values(found: Singles, places: Ints, column: Ints, values: Singles) -> None:
-    for lane in range(len(places)):
+def _copy_values(found: Singles, positions: Ints, column: Ints, values: Singles) -> None:
+    for lane in range(len(positions)):
         for f in range(len(values)):
-            values[f, column[places[lane]]] = found[f, lane]
+            values[f, column[positions[lane]]] = found[f, lane]
 
 
 class PatternRoom(NamedTuple):
@@ -261,7 +261,7 @@ def write_values(
     line: int,
     room: PatternRoom,
 ) -> None:
-    """Write the features of points of a line, at the window's places; of the second pass if asked.
+    """Write the features of points of a line, at the window's positions; of either pass.
 
     They need not follow each other: each lane gets what it would get alone. ``profile`` is that of
     ``prepared``, handed on by itself: numba leaves out what is asked of an argument that is None.
@@ -291,8 +291,8 @@ def strongest_of_trees(
     prepared : the pattern that was judged
     first : the result of the first pass
     model : the model of the pattern
-    selected : (M,) bool, places to explain; others have 0
-    threads : at most so many at once; 0 for as many as there are cores
+    selected : (M,) bool, positions to explain; others have 0
+    threads : maximum number of threads; 0: all cores
 
     """
     names = (*WINDOW, *(PROFILE if prepared.profile else ()), *SECOND_PASS)
@@ -309,7 +309,7 @@ def strongest_of_trees(
 
 
 def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
-    """Return the number (W,) of the feature that adds most to each point; 0 where there is none.
+    """Return the number (W,) of the feature that adds most to each point; 0: no feature.
 
     A feature that adds nothing is no reason: no tree asked about it, or it made no difference.
     """

@@ -3,7 +3,7 @@
 """Features of profile scanners alone: predictions by pairs of returns, and free groups.
 
 Two returns of the window that lie opposite each other predict the range between them: those as many
-places before and after in the line, and those of lines before and after. On a surface all pairs
+positions before and after in the line, and those of lines before and after. On a surface all pairs
 agree, and so do all about a point that is off it.
 
 Returns that follow each other closely are a segment of their line. Segments of more than
@@ -82,15 +82,15 @@ def write_profile(
     _write_right(pairs, values[ROW.agree])
     sort(pairs, ALL)
     _write_median(pairs, values[ROW.middle])
-    _write_groups(prepared.groups, window.places, values)
+    _write_groups(prepared.groups, window.positions, values)
 
 
 @noalias_kernel
-def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
+def _write_groups(groups: Singles, positions: Ints, values: Singles) -> None:
     """Write the features of the groups of points."""
     for row in range(len(groups)):
-        for lane in range(len(places)):
-            values[ROW.group + row, lane] = groups[row, places[lane]]
+        for lane in range(len(positions)):
+            values[ROW.group + row, lane] = groups[row, positions[lane]]
 
 
 @noalias_kernel
@@ -174,9 +174,9 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
 
     Parameters
     ----------
-    pattern : of the points, in M places
+    pattern : of the points, in M positions
     near : (4, M) the nearest place on each line beside
-    threads : at most so many at once; 0 for as many as there are cores
+    threads : maximum number of threads; 0: all cores
 
     Returns
     -------
@@ -189,14 +189,14 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
     def find(n: int, _end: int) -> tuple[Ints, Singles]:
         segments = find_segments(pattern, REACHES[n])
         group = join(pattern, near, REACHES[n], segments)
-        places = np.flatnonzero(segments.of >= 0)
-        places = places[group[segments.of[places]] >= 0]
-        of_groups = _describe(*_moments(pattern, places, group[segments.of[places]]))
-        return places, of_groups[:, group[segments.of[places]]]
+        positions = np.flatnonzero(segments.of >= 0)
+        positions = positions[group[segments.of[positions]] >= 0]
+        of_groups = _describe(*_moments(pattern, positions, group[segments.of[positions]]))
+        return positions, of_groups[:, group[segments.of[positions]]]
 
     # The wide groups last, so that they are what stays.
-    for places, described in reversed(pool.run(find, len(REACHES), 1, threads)):
-        out[:, places] = described
+    for positions, described in reversed(pool.run(find, len(REACHES), 1, threads)):
+        out[:, positions] = described
     return out
 
 
@@ -274,15 +274,15 @@ def _root(root: NDArray[np.int64], i: int) -> int:
     return int(i)
 
 
-def _moments(pattern: Pattern, places: Ints, group: Index) -> tuple[Ints, Floats, Floats]:
+def _moments(pattern: Pattern, positions: Ints, group: Index) -> tuple[Ints, Floats, Floats]:
     """Return the number of returns of G groups, and two second moments of them, (3, 3, G), m².
 
     These are of all returns; and of the mean of each line's, as often as it saw the group.
     """
     groups = int(group.max(initial=-1)) + 1
-    line = np.searchsorted(pattern.last, places, side='right')
+    line = np.searchsorted(pattern.last, positions, side='right')
     seen, pair, size = np.unique(line * groups + group, return_inverse=True, return_counts=True)
-    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, places]
+    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, positions]
     count = np.bincount(group, minlength=groups)
     of_lines = np.stack([np.bincount(pair, row, len(seen)) for row in xyz])
     mean = np.stack([np.bincount(group, row, groups) for row in xyz]) / count

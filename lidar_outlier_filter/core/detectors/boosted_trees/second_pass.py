@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 ROW = rows(SECOND_PASS, COUNT)
 CLIP = F(4.0)
 UNKNOWN = F(-5.0)
-PLACES_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
+POSITIONS_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
 BINS = 8  # of range: up to 1, 2, 4, 8 ... m
 # Rows of sums over a window: of clipped scores × a weight, and then of the weights. Those of the
 # other rings are behind those of the own one.
@@ -92,11 +92,11 @@ NO_FIRST_PASS = FirstPass(_NONE, np.empty(0, np.int32), _NONE, 0.0)  # of the fi
 @kernel
 def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
     """Count the points with a score above 0."""
-    places = len(score)
-    before, share = np.zeros(places + 1, np.int32), np.zeros(places, np.float32)
+    positions = len(score)
+    before, share = np.zeros(positions + 1, np.int32), np.zeros(positions, np.float32)
     count, above = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
-    of = np.zeros(places, np.int8)
-    for k in range(places):
+    of = np.zeros(positions, np.int8)
+    for k in range(positions):
         there = pattern.order[k] >= 0
         mine, edge, b = pattern.range[k], ONE, 0
         while b < BINS - 1 and mine > edge:
@@ -109,7 +109,7 @@ def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
     points = outliers = 0
     for b in range(BINS):
         points, outliers = points + count[b], outliers + above[b]
-    for k in range(places):
+    for k in range(positions):
         share[k] = above[of[k]] / max(count[of[k]], 1)
     return FirstPass(score, before, share, float(np.float32(outliers / max(points, 1))))
 
@@ -119,11 +119,11 @@ def write_scores(
     pattern: Pattern, first: FirstPass, line: int, window: PatternWindow, values: Singles
 ) -> None:
     """Write the features of the first pass, behind the others, of gathered windows."""
-    total, places = window.scores, window.places
+    total, positions = window.scores, window.positions
     for lane in range(0, LANES, WIDTH):
         _sum_scores(pattern, first.score, line, lane, window, total)
     for lane in range(width(values)):
-        score = first.score[places[lane]]
+        score = first.score[positions[lane]]
         values[ROW.first, lane] = min(max(score, -CLIP), CLIP)
         values[ROW.first_own, lane] = _mean(total[OWN_SCORE, lane], total[OWN_WEIGHT, lane])
         values[ROW.first_other, lane] = _mean(
@@ -133,7 +133,7 @@ def write_scores(
         values[ROW.first_level, lane] = _mean(total[LEVEL, lane], total[LEVEL + 1, lane])
         values[ROW.first_behind, lane] = _mean(total[BEHIND, lane], total[BEHIND + 1, lane])
         values[ROW.first_before, lane] = _mean(total[BEFORE, lane], total[BEFORE + 1, lane])
-    _write_shares(window.others, first, places, values)
+    _write_shares(window.others, first, positions, values)
 
 
 @noalias_kernel
@@ -147,13 +147,13 @@ def _sum_scores(
     near = ZERO - same
     close = close_weight = level = behind = before = repeat(ZERO)
     levels, behinds, befores = no_counts(), no_counts(), no_counts()
-    own_in_step = follow(load(window.places, lane))
+    own_in_step = follow(load(window.positions, lane))
     for part in range(2):
         scores, there = repeat(ZERO), no_counts()
         in_step = False
         for slot in range(2 * OWN * part, 2 * OWN if part == 0 else SIZE):
             if part == 0:
-                c = take(score, window.places, lane, offset_of(slot), own_in_step)
+                c = take(score, window.positions, lane, offset_of(slot), own_in_step)
             else:
                 ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND
                 if m == 0:
@@ -189,18 +189,19 @@ def _mean(total: Single, count: Single) -> Single:
 
 
 @noalias_kernel
-def _write_shares(others: Index, first: FirstPass, places: Ints, values: Singles) -> None:
+def _write_shares(others: Index, first: FirstPass, positions: Ints, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     before, share = first.before, first.share
     for lane in range(width(values)):
-        k = places[lane]
+        k = positions[lane]
         some = before[k + STRETCH + 1] - before[k - STRETCH]
-        values[ROW.wide_own, lane] = np.float32(some) / PLACES_WIDE
+        values[ROW.wide_own, lane] = np.float32(some) / POSITIONS_WIDE
         values[ROW.wide_other, lane] = ZERO
         values[ROW.share, lane] = first.whole
         values[ROW.share_range, lane] = share[k]
     for ring in range(len(others)):
-        for lane in range(len(places)):
+        for lane in range(len(positions)):
             j = max(others[ring, lane], STRETCH)
             some = before[j + STRETCH + 1] - before[j - STRETCH]
-            values[ROW.wide_other, lane] += np.float32(some) / (PLACES_WIDE * np.float32(2 * RINGS))
+            every = POSITIONS_WIDE * np.float32(2 * RINGS)
+            values[ROW.wide_other, lane] += np.float32(some) / every

@@ -57,7 +57,7 @@ ZERO, HALF, ONE, TWO = F(0.0), F(0.5), F(1.0), F(2.0)
 
 
 class Prepared(NamedTuple):
-    """A pattern of M places, and what its windows share.
+    """A pattern of M positions, and what its windows share.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class PatternWindow(NamedTuple):
     sums : (SUMS, LANES) float32
     inverse : (2 * RINGS, LANES) float32
         1 ÷ range of the nearest return on each ring beside, 1/m; below 0 for none.
-    places : (LANES,) int64
+    positions : (LANES,) int64
         Where the points are in the pattern: all in one line, in any order.
     others : (2 * RINGS, LANES) int32
         The place nearest to each in azimuth on each ring beside.
@@ -119,7 +119,7 @@ class PatternWindow(NamedTuple):
     best: Singles
     sums: Singles
     inverse: Singles
-    places: Ints
+    positions: Ints
     others: Index
 
 
@@ -143,15 +143,15 @@ def make_window() -> PatternWindow:
 
 def prepare(pattern: Pattern, threads: int = 0) -> Prepared:
     """Compute what all windows share, in at most so many threads at once; 0 for all cores."""
-    places, lines = len(pattern.order), len(pattern.first)
-    rough, near = np.zeros(places, np.float32), np.full((2 * RINGS, places), OTHER, np.int32)
+    positions, lines = len(pattern.order), len(pattern.first)
+    rough, near = np.zeros(positions, np.float32), np.full((2 * RINGS, positions), OTHER, np.int32)
 
     def work(begin: int, end: int) -> None:
         write_roughness(pattern, begin, end, rough)
         find_beside(pattern, begin, end, near)
 
-    pool.run(work, lines, lines_at_once(lines, places), threads)
-    return Prepared(pattern, rough, near, np.empty((0, places), np.float32))
+    pool.run(work, lines, lines_at_once(lines, positions), threads)
+    return Prepared(pattern, rough, near, np.empty((0, positions), np.float32))
 
 
 @kernel
@@ -175,11 +175,11 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
 
 @kernel
 def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
-    """Write the place of the return nearest in azimuth on each ring beside, of lines begin to end.
+    """Write the position of the nearest return in azimuth on each ring beside, for some lines.
 
     ``near`` (4, M): on the second below, the one below, the one above, the second above; a place of
     no point where there is no such ring. Of two as near, the one before. What is written of other
-    places than points must be places, too.
+    entries than points must be positions, too.
     """
     lines = len(pattern.first)
     phase = pattern.phase
@@ -202,7 +202,7 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
 
 @inlined_kernel
 def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
-    """Write the windows of the points of a line that are at the window's places.
+    """Write the windows of the points of a line that are at the window's positions.
 
     Distances, ranges, inverse ranges, and sums of the returns and their roughness.
     """
@@ -218,7 +218,7 @@ def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
 
 @inlined_kernel
 def offset_of(slot: int) -> int:
-    """Return how many places behind the point a slot of its own ring is: before it, then after."""
+    """Return the offset from the point to a slot of its own ring: before it, then after it."""
     return slot - OWN if slot < OWN else slot - OWN + 1
 
 
@@ -233,12 +233,13 @@ def _gather_own(
     window: PatternWindow,
 ) -> None:
     """Gather points from a lane on, and the returns before and after them up to an angle."""
-    places, own, sums, mine = window.places, window.own, window.sums, window.mine
-    in_step = follow(load(places, lane))
-    store(window.bright, lane, take(bright, places, lane, 0, in_step))
-    origin = take(phase, places, lane, 0, in_step)
-    x, y = take(rows[0], places, lane, 0, in_step), take(rows[1], places, lane, 0, in_step)
-    z, r = take(rows[2], places, lane, 0, in_step), take(rows[RANGE], places, lane, 0, in_step)
+    positions, own, sums, mine = window.positions, window.own, window.sums, window.mine
+    in_step = follow(load(positions, lane))
+    store(window.bright, lane, take(bright, positions, lane, 0, in_step))
+    origin = take(phase, positions, lane, 0, in_step)
+    x, y = take(rows[0], positions, lane, 0, in_step), take(rows[1], positions, lane, 0, in_step)
+    z = take(rows[2], positions, lane, 0, in_step)
+    r = take(rows[RANGE], positions, lane, 0, in_step)
     store(mine, lane, x)
     store(mine, LANES + lane, y)
     store(mine, 2 * LANES + lane, z)
@@ -247,11 +248,11 @@ def _gather_own(
     for slot in range(2 * OWN):
         off = offset_of(slot)
         at = slot * LANES + lane
-        p = single(take(phase, places, lane, off, in_step) - origin)
-        reach = take(rows[RANGE], places, lane, off, in_step)
-        dx = take(rows[0], places, lane, off, in_step) - x
-        dy = take(rows[1], places, lane, off, in_step) - y
-        dz = take(rows[2], places, lane, off, in_step) - z
+        p = single(take(phase, positions, lane, off, in_step) - origin)
+        reach = take(rows[RANGE], positions, lane, off, in_step)
+        dx = take(rows[0], positions, lane, off, in_step) - x
+        dy = take(rows[1], positions, lane, off, in_step) - y
+        dz = take(rows[2], positions, lane, off, in_step) - z
         good = abs(p) <= most
         d = select(good, dx * dx + dy * dy + dz * dz, FAR)
         store(own, OWN_RANGES * LANES + at, reach)
@@ -262,7 +263,7 @@ def _gather_own(
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
             known = d < FAR
-            total = total + select(known, take(rough, places, lane, off, in_step), ZERO)
+            total = total + select(known, take(rough, positions, lane, off, in_step), ZERO)
             rough_count = count(rough_count, known)
     store(sums, SUM.there_own * LANES + lane, single(there))
     store(sums, SUM.rough_own * LANES + lane, total)
@@ -280,15 +281,15 @@ def _gather_others(
     window: PatternWindow,
 ) -> None:
     """Gather the returns around the azimuth in the other rings."""
-    places, mine, sums = window.places, window.mine, window.sums
-    own_in_step = follow(load(places, lane))
+    positions, mine, sums = window.positions, window.mine, window.sums
+    own_in_step = follow(load(positions, lane))
     x, y = load(mine, lane), load(mine, LANES + lane)
     z, r = load(mine, 2 * LANES + lane), load(mine, RANGE * LANES + lane)
-    origin = take(phase, places, lane, 0, own_in_step)
+    origin = take(phase, positions, lane, 0, own_in_step)
     there, rough_count, total = no_counts(), no_counts(), repeat(ZERO)
     for ring in range(2 * RINGS):
         others = window.others[ring]
-        store(others, lane, take(near[ring], places, lane, 0, own_in_step))
+        store(others, lane, take(near[ring], positions, lane, 0, own_in_step))
         in_step = follow(load(others, lane))
         for m in range(AROUND):
             off = m - OTHER

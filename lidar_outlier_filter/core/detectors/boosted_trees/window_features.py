@@ -50,7 +50,7 @@ COUNT, ROW = len(WINDOW), rows(WINDOW)
 SAME = F(1.5)  # beams apart: still at one range
 THREE, FIVE = F(3.0), F(5.0)
 DENSE_SQUARE, SPARSE_SQUARE = F(4.0), F(36.0)  # beams apart, squared
-PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
+PLACES_OWN, PLACES_OTHER, POSITIONS = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
 
 
 @inlined_kernel
@@ -198,8 +198,8 @@ def _shares(window: PatternWindow, values: Singles) -> None:
         for part in range(2):
             count = max(sums[SUM.rough_count_own + part, lane], ONE)
             values[ROW.rough_own + part, lane] = sums[SUM.rough_own + part, lane] / count
-        values[ROW.dense, lane] = sums[SUM.dense, lane] / PLACES
-        values[ROW.sparse, lane] = sums[SUM.sparse, lane] / PLACES
+        values[ROW.dense, lane] = sums[SUM.dense, lane] / POSITIONS
+        values[ROW.sparse, lane] = sums[SUM.sparse, lane] / POSITIONS
 
 
 @noalias_kernel

@@ -99,7 +99,7 @@ def detect(
     score = np.full(len(neighbourhood), np.nan)
     if len(neighbourhood) < MIN_POINTS:
         return score
-    place = _places(neighbourhood)
+    place = _positions(neighbourhood)
     xyz = np.take(neighbourhood.xyz, place, axis=0)
     order = neighbourhood.order[place]
     weights = np.ones(len(score)) if variance is None else variance[order]
@@ -113,7 +113,7 @@ def detect(
     return result
 
 
-def _places(neighbourhood: Neighbourhood) -> Ints:
+def _positions(neighbourhood: Neighbourhood) -> Ints:
     """Sort the points of every leaf by x, y and z: tree positions, in the new order.
 
     Tree order within a leaf is that in which the points were given, which must not matter.
@@ -192,7 +192,7 @@ def tables(significance: float) -> tuple[Floats, Floats]:
 
 @kernel
 def sort_leaves(xyz: Floats, tree: Tree, these: Ints, place: Ints) -> None:
-    """Sort the places of the points of some leaves."""
+    """Sort the positions of the points of some leaves."""
     for node in these:
         for i in range(tree.first[node] + 1, tree.last[node]):
             one = place[i]

@@ -45,7 +45,7 @@ class Rules(NamedTuple):
 class FittedSurface(NamedTuple):
     """A surface that has grown; the test of all points under it is in the window."""
 
-    size: int  # parameters of its model; 0: there is none
+    size: int  # parameters of its model; 0: no surface
     support: int  # points in the fit
     deviation: float  # standard deviation of their distances, in the scale of the window
 

@@ -351,7 +351,7 @@ def _mean_square_distance(window: Window, n: int) -> float:
 def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow one more surface: freely, or if it runs over what lies beside it, held tight.
 
-    It is none if it explains too little, or is not as exact as the first: a volume, that is.
+    It is rejected if it explains too few points, or is less exact than the first: a volume.
     """
     _copy(window.kept, n, window.start)
     for held in (Growth(growth.floor, np.inf, 0), growth):

@@ -38,7 +38,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.verdict import Verdict
@@ -49,7 +49,7 @@ CLOUDS = {'spinning': SNOW, 'profile': ARMS.points}
 
 
 def judged(points: Points, **changed: object) -> Verdict:
-    """Judge a cloud, with reasons unless they are not wanted."""
+    """Judge a cloud, with reasons unless they are switched off."""
     values = {name.replace('__', '.'): value for name, value in changed.items()}
     parameters = {'chain': ['boosted_trees'], 'scores': True, **values}
     return Chain(FilterParameters().changed(parameters)).judge(points)
@@ -199,7 +199,7 @@ def test_numbers_never_change() -> None:
 
 
 def test_survey_adds_up_to_the_log_odds() -> None:
-    """With what the trees say on average; only wanted points are given."""
+    """With what the trees say on average; only requested points are given."""
     rng = np.random.default_rng(3)
     xyz = rng.uniform((0, 0, 0), (30, 30, 0.05), (2000, 3))
     xyz[:20, 2] += rng.uniform(2, 9, 20)
@@ -212,5 +212,5 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     selected[:20] = True
     found = contributions(seen, parameters, selected)
     assert found.method == Method.NEIGHBOURS.value
-    odds = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
+    odds = survey.measure(xyz, measure_floor(xyz, np.arange(len(xyz))))
     assert_adds_up(found.added, odds[selected], SURVEY_MODEL)

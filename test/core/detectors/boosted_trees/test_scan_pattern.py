@@ -50,9 +50,9 @@ def test_as_loops(lost: float, turns: float, *, staggered: bool) -> None:
     ]
     out = measured(pattern)
     for number, ring in enumerate(rings):
-        places = range(pattern.first[number], pattern.last[number])
-        assert [p.number for p in ring.points] == pattern.order[list(places)].tolist()
-        for k, place in enumerate(places):
+        positions = range(pattern.first[number], pattern.last[number])
+        assert [p.number for p in ring.points] == pattern.order[list(positions)].tolist()
+        for k, place in enumerate(positions):
             selected = naive.features(rings, number, k)
             got = {name: float(out[[*WINDOW].index(name), place]) for name in selected}
             assert got == pytest.approx(selected, rel=2e-3, abs=1e-5), (number, k)
@@ -71,7 +71,7 @@ def test_strays_are_found() -> None:
 
 
 def test_no_pattern() -> None:
-    """Lines one after the other, few points, and azimuths in disorder are none."""
+    """Lines one after the other, few points, and disordered azimuths are no scan pattern."""
     points = sweep(6, 0.0)
     profile = Points(points.xyz, np.arange(len(points)), np.arange(len(points)) // 90, points.valid)
     assert find_pattern(profile) is None
@@ -106,20 +106,20 @@ def test_rings_however_spaced(elevations: Sequence[float]) -> None:
     pattern = find_pattern(sweep(7, 0.4, elevations=elevations), spins=True)
     assert pattern is not None
     known = np.radians(np.sort(elevations))
-    places = range(len(known))
+    positions = range(len(known))
     for row, off in enumerate((-2, -1, 1, 2)):
-        there = [n for n in places if 0 <= n + off < len(known)]
+        there = [n for n in positions if 0 <= n + off < len(known)]
         selected = [abs(known[n + off] - known[n]) for n in there]
         np.testing.assert_allclose(pattern.beside[row, there], selected, rtol=2e-3)
     if len(known) > 2:
-        near, far = np.sort(np.abs(np.diff(known))[[[n - 1, n] for n in places[1:-1]]]).T
+        near, far = np.sort(np.abs(np.diff(known))[[[n - 1, n] for n in positions[1:-1]]]).T
         selected = np.minimum(far / near, 10.0)
         np.testing.assert_allclose(pattern.uneven[1:-1], selected, rtol=5e-3)
     assert pattern.uneven[[0, -1]].tolist() == [10.0, 10.0]
 
 
 def test_steps_between_shots() -> None:
-    """Each ring has its own: of one that looks up a beam moves by less than the head turns."""
+    """Each ring has its own: a beam that points up moves by less than the head turns."""
     elevations = np.array([40.0, 0.0, 60.0, 20.0])
     points = sweep(13, 0.0, columns=360, elevations=tuple(elevations))
     column = np.arange(len(points)) // len(elevations)
@@ -166,7 +166,7 @@ def test_copies_share_a_verdict() -> None:
     assert len(both.copies) == len(again) - len(points)
     score, copied = judge(once, 1.0), judge(both, 1.0)
     assert copied.tobytes() == score[twice].tobytes()
-    # Two returns of a shot at different places are two.
+    # Two returns of a shot at different positions are two.
     farther = replace(
         again, xyz=again.xyz * np.where(np.diff(twice, prepend=-1) == 0, 1.5, 1.0)[:, None]
     )
@@ -288,7 +288,7 @@ def test_nothing_is_read_behind_the_last_line(count: int) -> None:
 
 
 def test_scores_of_the_first_pass_around_points() -> None:
-    """Shares of rings beside: there are none beyond the outermost."""
+    """Shares of rings beside: no ring is beyond the outermost."""
     points = sweep(12, 0.0)
     pattern = pattern_of(points)
     prepared = prepare(pattern)

@@ -17,10 +17,10 @@ from lidar_outlier_filter.core.neighbours.duplicates import (
     MIN_SCALE_M,
     K,
     find_copies,
-    find_places,
+    find_distinct,
     typical_scale,
 )
-from lidar_outlier_filter.core.neighbours.floor import Floor, look_around
+from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 
@@ -81,7 +81,7 @@ def scale_of(xyz: Floats) -> float:
 
 def around(xyz: Floats) -> Floor:
     """Return what a cloud is like, all of whose points there are."""
-    return look_around(xyz, np.arange(len(xyz)))
+    return measure_floor(xyz, np.arange(len(xyz)))
 
 
 def odds_of(xyz: Floats, threads: int = 0) -> Floats:
@@ -106,11 +106,11 @@ def test_features_against_loops(name: str) -> None:
     """Each feature is what plain loops say, also of ties, stacks, lines and short clouds."""
     xyz = CLOUDS[name]
     hood, first, every = measured(xyz)
-    places = [tuple(row) for row in xyz.tolist()]
+    positions = [tuple(row) for row in xyz.tolist()]
     odds = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
     given = odds[np.argsort(hood.order)].tolist()
-    expected = np.array(naive.near_features(places, around(xyz).typical)).T
-    wide = np.array(naive.far_features(places, given, around(xyz).typical)).T
+    expected = np.array(naive.near_features(positions, around(xyz).typical)).T
+    wide = np.array(naive.far_features(positions, given, around(xyz).typical)).T
     for n, feature in enumerate(NAMES[SURVEY_MODEL][1]):
         if feature in VAGUE.get(name, ()):
             continue
@@ -158,11 +158,11 @@ def test_size_does_not_matter(size: float) -> None:
 
 @pytest.mark.parametrize('name', ['stacked', 'surface', 'coarse'])
 def test_places_against_loops(name: str) -> None:
-    """The places are those of a plain loop."""
+    """The positions are those of a plain loop."""
     xyz = np.round(surface(300)) if name == 'coarse' else CLOUDS[name]
     xyz[xyz == 0] *= np.random.default_rng(1).choice([-1.0, 1.0], np.count_nonzero(xyz == 0))
-    first = naive.places([tuple(row) for row in xyz.tolist()])
-    found = find_places(xyz)
+    first = naive.first_of_each([tuple(row) for row in xyz.tolist()])
+    found = find_distinct(xyz)
     np.testing.assert_array_equal(found.first[found.of], first)
     np.testing.assert_array_equal(found.first, sorted(set(first)))
     copies = [[p, at] for p, at in enumerate(first) if p != at]
@@ -189,7 +189,7 @@ def test_a_floor_that_is_rounded_is_kept(step: float) -> None:
 
 @pytest.mark.parametrize(('count', 'times'), [(0, 1), (1, 1), (8, 1), (8, 50), (9, 1)])
 def test_too_few_places_are_not_tested(count: int, times: int) -> None:
-    """However many points there are, nine places have eight others each."""
+    """However many points there are, nine positions have eight others each."""
     odds = odds_of(np.repeat(surface(400)[:count], times, axis=0))
     assert np.isnan(odds).all() == (count < 9)
 
