@@ -61,11 +61,12 @@ class FoundOutputs:
     def done(self, goal: ArchiveRecord, task: Task) -> ArchiveRecord | None:
         """Return the record of complete outputs of the same input, parameters and code."""
         record = self.noted
-        if record is None or record.outputs.keys() != self.files.keys():
+        if record is None or not _is_alike(record, goal):
+            return None
+        if record.outputs.keys() != self.files.keys():
             return None
         is_same = record.source_state == goal.source_state  # or else its content decides
-        is_same = is_same or record.source_hash == content_hash(task.location)
-        return record if is_same and _is_alike(record, goal) else None
+        return record if is_same or record.source_hash == content_hash(task.location) else None
 
 
 def find_outputs(task: Task, *, read: bool = False) -> FoundOutputs:
@@ -268,15 +269,14 @@ def _remove_older(task: Task, built: Path, now: FoundOutputs) -> None:
 
 
 def _rename(task: Task, built: Path, undo: ExitStack) -> None:
-    """Give outputs their names; a name that is taken must be so by an equal output."""
+    """Give outputs their names, but for those that another run gave to an equal output."""
     with writable(built):
         for path in task.outputs:
             hidden = built / path.name
-            if isinstance(path, Path) and hidden.exists():
+            if isinstance(path, Path) and hidden.exists() and not exists(path):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                with suppress(FilterError):
-                    publish_all([hidden], [path])
-                    undo.callback(_put_back, path, hidden)
+                publish_all([hidden], [path])
+                undo.callback(_put_back, path, hidden)
 
 
 def _put_back(older: Path, path: Path) -> None:
