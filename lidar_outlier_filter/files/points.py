@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 GPS_TIME = 'gps_time'
 TIMES = (GPS_TIME, *TIME_NAMES)
-INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # the third name is CloudCompare's
+INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # CloudCompare writes scalar_…
 EDGE, DIRECTION, RETURN = 'edge_of_flight_line', 'scan_direction_flag', 'return_number'
 ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')

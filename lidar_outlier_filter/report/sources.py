@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # Columns that a page shows of a point and saves, and their names in clouds, in small letters.
 SAVED = {
-    'intensity': ('intensity', 'reflectivity', 'i'),
+    'intensity': columns.INTENSITIES,
     'class': (CLASSIFICATION,),
     'gps_time': ('gps_time',),
     'return_number': ('return_number', 'returnnumber'),

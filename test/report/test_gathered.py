@@ -27,6 +27,7 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0, Codes
+from lidar_outlier_filter.files.points import INTENSITIES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import CLOUD
@@ -39,7 +40,7 @@ from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, SharedInputs, featu
 from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
 from lidar_outlier_filter.report.points import SCORE_UNIT, UNTESTED, reason_numbers
-from lidar_outlier_filter.report.sources import FileSource, RecordedSource
+from lidar_outlier_filter.report.sources import FileSource, RecordedSource, saved_columns
 from lidar_outlier_filter.report.steps import (
     BITS,
     MAX_FACTOR,
@@ -269,6 +270,12 @@ def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
     assert sorted(columns['index'][: frames[0]['count']].tolist()) == list(
         range(frames[0]['count'])
     )
+
+
+@pytest.mark.parametrize('name', INTENSITIES)
+def test_names_of_intensity(name: str) -> None:
+    """A page has the intensity that detectors read, by whatever name."""
+    assert saved_columns(['X', name.upper()]) == {'intensity': name.upper()}
 
 
 def test_rejected_points_are_explained(found: Gathered) -> None:
