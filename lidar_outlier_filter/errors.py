@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the package refuses, in one sentence form: what, must be, got.
 
-Any function may refuse its input by one of these; docstrings name them where a caller handles them.
+A sentence is written where it is raised. Any function may refuse its input by one of these;
+docstrings name them where a caller handles them.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter, declared once: name, type, default, unit, range and one sentence.
+"""The parameters without a section, and all parameters together: their check and their change.
 
 ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
-made from this file, from that of the node, and from those of the detectors that are installed. A
-parameter of a detector is named ``detector.parameter``.
+made from this file, from :mod:`.node`, and from the declarations of the installed detectors, of
+which ``core/detectors/builtin.py`` has ours. Those are named ``detector.parameter``.
 """
 
 # ruff: noqa: RUF009  the defaults that are called for are frozen

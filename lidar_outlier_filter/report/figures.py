@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.steps import Counts
     from lidar_outlier_filter.report.worst import RejectedGroup, Worst
 
-REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'
+REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'  # pages: assets/style.css
 BELOW, ABOVE = OUTLIER, REJECTED
 MAX_DRAWN = 200_000  # kept points of a picture
 SIZE, WORST_SIZE, MASK_SIZE = (7.0, 4.2), (14.0, 9.0), (10.5, 4.0)  # inches
