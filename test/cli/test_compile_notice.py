@@ -13,7 +13,6 @@ from helpers.watching import fresh_copy
 
 from lidar_outlier_filter.cli import compile as compile_notice
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.cli.terminal import Advance
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.pipeline import compiling
 
@@ -44,7 +43,7 @@ def test_what_is_compiled_is_said_before(
     """The command names all parts before the first, which takes a while, is done."""
     said: list[str] = []
 
-    def run(_self: object, work: list[object], advance: Advance) -> list[str]:
+    def run(_self: object, work: list[object], advance: Callable[..., object]) -> list[str]:
         said.append(capsys.readouterr().err)
         advance(1, len(work), 'lof')
         return []
