@@ -20,7 +20,7 @@ from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_lab.simulation import presets
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
-from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes, measured
+from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes, measured
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS, make_both
 from lidar_outlier_lab.simulation.weather.labelled_cloud import Brightness
 from lidar_outlier_lab.simulation.world.recording import to_message
@@ -121,18 +121,19 @@ def _turning_beams(points: Points, reflectance: Floats) -> Beams:
     return find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
 
 
-def put_weather(
+def put_weather(  # noqa: PLR0913  what a weather depends on
     points: Points,
     weather: str,
     seed: Sequence[int],
     returns: str = 'strongest',
     find: Callable[[Points, Floats], Beams] = _turning_beams,
+    make: Callable[[str, Beams, int, Optics, str], BothEchoes] = make_both,
 ) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Let the beams of a cloud go through a weather; optics are drawn.
 
     Reflectances are those that the intensities show, or drawn without intensities. ``returns``
     says which echo of a beam is measured: strongest, first, last, or dual for two. ``find`` gives
-    all beams of a cloud, those without a return too.
+    all beams of a cloud, those without a return too. ``make`` is the law of the weather.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def put_weather(
         least = optics.floor * distance**2
         reflectance = np.maximum(curve.reflectance(distance, values), least)
     beams = find(points, reflectance)
-    both = make_both(weather, beams, int(rng.integers(1 << 31)), optics, returns)
+    both = make(weather, beams, int(rng.integers(1 << 31)), optics, returns)
     xyz, source, cause, bright = [], [], [], []
     for echoes in measured(both, returns):
         there = np.flatnonzero(np.isfinite(echoes.distance))

@@ -16,7 +16,7 @@ from scipy import stats
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
+from lidar_outlier_lab.simulation.weather import chances, drops, kinds, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
 OPTICS = Optics()
@@ -250,3 +250,18 @@ def test_refused(name: str, seed: int, returns: str, words: str) -> None:
     """In one sentence."""
     with pytest.raises(FilterError, match=words):
         kinds.make(name, turn(30.0), seed, returns=returns)
+
+
+@pytest.mark.parametrize('name', chances.KINDS)
+def test_weather_by_chance(name: str) -> None:
+    """Some beams are stopped before their surface, and give more light there than it does."""
+    beams = room()
+    both, same = (chances.make_both(name, beams, 5, OPTICS) for _ in range(2))
+    surface, before = both
+    np.testing.assert_array_equal(before.distance, same.before.distance)
+    there = np.isfinite(before.distance)
+    assert 20 < there.sum() < 0.9 * len(beams)
+    assert (OPTICS.nearest <= before.distance[there]).all()
+    assert (before.distance[there] < beams.range[there]).all()
+    assert (before.power[there] > surface.power[there]).all()
+    assert np.isfinite(surface.distance).any()
