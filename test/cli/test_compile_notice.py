@@ -5,7 +5,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -56,16 +55,3 @@ def test_what_is_compiled_is_said_before(
     assert before.startswith('compiling, ')
     assert before.endswith(': lof; sor\n')
     assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')
-
-
-def test_compiling_is_said_once(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """However many kernels of whatever module are compiled."""
-    calls: list[Callable[[str], None]] = []
-    monkeypatch.setattr(compile_notice, 'listeners', calls)
-    compile_notice.say_what_is_compiled()
-    (say_once,) = calls
-    say_once('detectors.lof')
-    assert calls == []
-    assert capsys.readouterr().err == f'{compile_notice.SENTENCE}\n'

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.mask import HEAD, NAMES
-from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions, spare
+from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 Capture = pytest.CaptureFixture[str]
@@ -185,19 +183,6 @@ def test_refused(cloud: Path, options: str, sentence: str, capsys: Capture) -> N
     assert main(['clean', str(cloud), *options.split()]) == 1
     assert capsys.readouterr().err.startswith(sentence)
     assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
-
-
-def test_spared_points() -> None:
-    """Spared points that were rejected become untested; the rest of the verdict stays."""
-    verdict = Verdict.untested(4)
-    verdict.add(1, np.arange(4), Scores(np.array([0.5, 3.0, 0.25, 2.0])))
-    verdict.settle(1)
-    kept = np.array([True, True, False, False])
-    spared = spare(verdict, kept)
-    assert verdict.rejected.tolist() == [False, True, False, True]
-    assert spared.rejected.tolist() == [False, False, False, True]
-    np.testing.assert_array_equal(spared.score, np.array([0.5, np.nan, 0.25, 2.0], np.float32))
-    assert spared.detectors.tolist() == [0, 0, 0, 1]
 
 
 def test_high_and_low() -> None:

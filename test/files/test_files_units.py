@@ -16,7 +16,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import points
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.files.judged_file import UNITS, unit_text
+from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.files.las_header import metres_per_unit
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -130,16 +130,6 @@ def test_limits_are_in_metres(
     xyz = before.xyz * FOOT
     near = np.linalg.norm(xyz[:, None] - xyz, axis=2) <= 30.0
     np.testing.assert_array_equal(after.classification == 7, near.sum(axis=1) - 1 < 3)
-
-
-def test_units_are_named() -> None:
-    """Once where all are equal, else by axis."""
-    foot = 'ft (0.3048 m)'
-    assert unit_text(dict.fromkeys('xyz', FOOT)) == foot
-    assert unit_text({}) == 'm'
-    mixed = {'x': FOOT, 'y': FOOT, 'z': 0.5}
-    assert unit_text(mixed) == f'{foot} for x and y, units (0.5 m) for z'
-    assert unit_text(dict.fromkeys('xy', FOOT)) == f'{foot} for x and y'
 
 
 def test_a_unit_counts_more_than_the_file(tmp_path: Path) -> None:

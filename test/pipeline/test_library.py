@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, drive, to_rosbags
 from numpy.typing import NDArray
-from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import (
     CloudError,
@@ -20,7 +19,6 @@ from lidar_outlier_filter import (
     detect_outliers,
 )
 from lidar_outlier_filter.core.annotations import Floats, Rows
-from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # Recorded clouds carry them: they never change.
@@ -131,19 +129,6 @@ def test_as_the_filter(chain: list[str] | None) -> None:
     fields = {'time_field': 'tick', **LESS_STRICT}
     for given in (rows, cloud(rows), to_rosbags(cloud(rows))):
         assert_same(detect_outliers(given, chain=chain, parameters=fields), verdict)
-
-
-@pytest.mark.usefixtures('real_data')
-def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
-    """Sweeps of a VLP-16, each judged by itself, have the verdict of the filter and of arrays."""
-    stream = CloudFilter({'blocks': 'message', 'halo': 0.0, **STRICT})
-    for sweep in sweeps:
-        (result,) = stream.push(sweep)
-        verdict = detect_outliers(sweep, parameters=STRICT)
-        rows = structured(sweep).reshape(-1)
-        assert bytes(result.outliers.data) == rows[verdict.outlier].tobytes()
-        assert 0 < np.count_nonzero(verdict.outlier) < 0.2 * len(rows)
-        assert_same(detect_outliers(rows, parameters=STRICT), verdict)
 
 
 def test_default_chains() -> None:

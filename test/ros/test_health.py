@@ -116,6 +116,17 @@ def test_delay(delays: list[float], level: int) -> None:
     assert take_sample(health)[0] == level
 
 
+def test_errors_of_detectors() -> None:
+    """One in a thousand clouds is an error at once, and only where it was raised."""
+    health = Health()
+    for _ in range(1000):
+        health.received()
+    health.counted(Statistics(bypassed=Counter(failure=1), failures=1))
+    assert look(health)[0] == ERROR
+    health.received()
+    assert look(health)[0] == OK
+
+
 @pytest.mark.parametrize('middleware', PROFILES)
 def test_the_advice_is_for_the_middleware(middleware: str) -> None:
     """What helps with large clouds is a file of the package, for each middleware another."""

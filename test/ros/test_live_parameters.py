@@ -16,6 +16,7 @@ from helpers.nodes import (
     wait_for_kernels,
 )
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
@@ -92,8 +93,10 @@ def test_all_that_a_node_has_can_be_loaded_into_it(ros: Ros) -> None:
 
 
 def test_numbers_may_be_text(ros: Ros) -> None:
-    """So ros2cli hands over what YAML 1.1 takes for no number; other text is refused."""
+    """So ros2cli hands over what YAML 1.1 takes for no number, and 2 as an integer."""
     node = ros.filter()
+    assert ros.set(gap_factor=2) == ['']
+    assert node.get_parameter('gap_factor').type_ is Parameter.Type.DOUBLE
     assert ros.set(quadric__significance='1e-06', sor__k='12') == ['', '']
     assert (node.filter_parameters.of(Quadric).significance, node.filter_parameters.of(Sor).k) == (
         1e-6,

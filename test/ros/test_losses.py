@@ -32,15 +32,18 @@ SEEN = st.tuples(
 def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
     """Warnings are apart by the period at least, and their sum is all that was lost."""
     health, lost, said = Health(), Counter[str](), Counter[str]()
-    time, times = 0.0, []
+    time, times, lossy = 0.0, list[float](), list[float]()
     for seconds, what, count in [*seen, (math.inf, DROPPED, 0)]:
         lost[what] += count
         health.missed(what, count)
         time += seconds
+        lossy += [time] * bool(count)
         if text := health.loss_warning('drop_oldest', seconds):
             times.append(time)
+            assert ('for large clouds set' in text) == (LOST in text)
             said += Counter({what: int(count) for count, what in _counts(text)})
     assert said == +lost
+    assert times[:1] == lossy[:1]  # the first at once
     gaps = [after - before for before, after in pairwise(times)]
     assert all(gap >= LOSS_PERIOD or math.isclose(gap, LOSS_PERIOD) for gap in gaps)
 

@@ -156,16 +156,6 @@ def test_poses_that_are_refused(pose: Pose, reason: str) -> None:
     assert tf.refusals == {reason: 3}
 
 
-def test_gaps_are_not_covered() -> None:
-    """What is wider than ``motion.max_gap`` is not; one of exactly this length is."""
-    poses = [*straight(0, 1, 0.1), *straight(1.3, 2, 0.1)]
-    tf = make(poses, max_gap=0.2)
-    assert covered(tf, 0.95, 1.0, 1.001, 1.15, 1.299, 1.3) == [True, True, *[False] * 3, True]
-    assert tf.reaches(at(1.1), 'lidar')
-    assert covered(make(straight(0, 1, 0.2), max_gap=0.2), 0.1, 0.2) == [True, True]
-    assert covered(make(straight(0, 1, 0.2), max_gap=0.2 - 1e-9), 0.1, 0.2) == [False, True]
-
-
 def test_late_and_repeated_transforms_are_ignored() -> None:
     """Without being counted; those of other frames lag behind as they like."""
     tf = make(straight(1, 3, 0.1))

@@ -14,6 +14,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.output import Tuned, whole
 from lidar_outlier_filter.tuning.search import (
     fold_of_each,
+    middle_of_best,
     sweep,
     tune,
 )
@@ -274,3 +275,13 @@ def test_sweep_by_hand(needed: int, rejected: list[list[int]], counted: list[int
     rows = np.array(rejected, np.bool_)[:, known]
     expected = [confusion(bad[known], row) for row in rows]
     assert [Confusion(*row) for row in found.tolist()] == expected
+
+
+def test_middle_of_best() -> None:
+    """The middle of what is nearly as good, without a gap."""
+    worth = np.array([0.1, 0.9, 0.5, 0.8995, 0.9, 0.9, 0.8996, 0.7])
+    assert middle_of_best(worth) == 1
+    worth[1] = 0.4
+    assert middle_of_best(worth) == 4
+    assert middle_of_best(np.array([-0.5, -0.2, -0.1])) == 2
+    assert middle_of_best(np.zeros(5)) == 2

@@ -164,6 +164,19 @@ def test_replay(tmp_path: Path, held: threading.Event, monkeypatch: pytest.Monke
     assert content(tmp_path / 'slow') == content(tmp_path / 'quick')
 
 
+def test_clean(tmp_path: Path, held: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On standard error, once, with the file."""
+    path = tmp_path / 'cloud.csv'
+    rows = np.random.default_rng(1).normal(size=(60, 3))
+    path.write_text('x,y,z\n' + ''.join(f'{x},{y},{z}\n' for x, y, z in rows.tolist()))
+    listening = Listening(held)
+    monkeypatch.setattr(sys, 'stderr', listening)
+    options = [f'--set={name}={value}' for name, value in VALUES.items() if name != 'chain']
+    assert main(['clean', str(path), '--chain', 'sor', *options]) == 0
+    assert listening.getvalue().count(f'{path}: {SENTENCE}60 points\n') == 1
+    assert 'max_delay' not in listening.getvalue()
+
+
 def test_compiling_is_not_slow() -> None:
     """A block for which a kernel is compiled is not said to take too long; the next one is."""
     points = Points(
