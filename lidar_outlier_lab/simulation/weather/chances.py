@@ -26,7 +26,7 @@ Position = NDArray[np.float64]
 def make_both(
     weather: str, beams: Beams, seed: int, optics: Optics, _returns: str = ''
 ) -> BothEchoes:
-    """Let beams go through one of ``KINDS``; every return of a beam is told, whatever is measured.
+    """Let beams go through one of ``KINDS``; each return of a beam is listed, whatever is measured.
 
     As :func:`.kinds.make_both`, of another law.
     """
