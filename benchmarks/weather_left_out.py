@@ -9,7 +9,8 @@ Sensors are left out in folds beside it: trees that judge a sweep know neither i
 sensor. Row by row this is compared with trees that know the weather, and not the sensor. Takes an
 hour of processor time. ``--write`` puts the table into ``doc/accuracy.md``.
 
-``--law``: weather of a law that never trains, on real recordings, judged by the shipped trees.
+``--law``: weather that never trains, on real recordings, judged by the shipped trees; its table is
+that of ``doc/results/weather.md``.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
