@@ -5,6 +5,7 @@
 Each function makes one surface from its measures in metres and radians.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -117,7 +118,8 @@ def building(  # noqa: PLR0913  the measures of its windows
 def tube(foot: Triple, top: Triple, radius: float, kind: Kind, reflectance: float = 0.4) -> Surface:
     """Put up the outside of a tube between the middles of its ends: a trunk, a wire."""
     start, end = np.array(foot), np.array(top)
-    length = float(np.linalg.norm(end - start))
+    # Not the norm by NumPy: BLAS adds in another order on another processor.
+    length = math.dist(foot, top)
     if not length > 0.0:
         raise FilterError('the ends of a tube', 'apart', f'{foot} twice')
     rest = (*foot, *(end - start) / length, radius, length)
