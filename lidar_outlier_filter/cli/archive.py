@@ -45,7 +45,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar='N',
         help='number of recordings or files processed at once, one process for each; '
-        'default: all cores, from 300 MB on',
+        'default: all cores if there are 300 MB or more, else 1',
     )
     add(
         '--scheduler',

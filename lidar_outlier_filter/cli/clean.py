@@ -106,7 +106,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         '--output',
         type=Path,
         metavar='PATH',
-        help='new file, or a folder for it (for several files: a folder, which is created); '
+        help='new file, or the folder for it (for several files: a folder, which is created); '
         'default: FILE_cleaned',
     )
     add(

@@ -89,17 +89,17 @@ def add_truth(parser: argparse.ArgumentParser) -> None:
         '--label',
         default='',
         metavar='NAME',
-        help='field or column with the truth; default: label, and in files classification first',
+        help='field or column with the truth; default: label (files: classification, then label)',
     )
     parser.add_argument(
         '--codes',
         metavar='N,N-N,...',
-        help='labels of outliers; default: all but 0; of LAS files 7 and 18; of .label files 1',
+        help='labels of outliers; default: all but 0 (LAS: 7 and 18; .label: 1)',
     )
     parser.add_argument(
         '--ignore',
         metavar='N,N-N,...',
-        help='labels of points that do not count; default: none; of .label files 0',
+        help='labels of points that do not count; default: none (.label: 0)',
     )
 
 

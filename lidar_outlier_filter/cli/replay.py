@@ -94,7 +94,7 @@ def add_replay(commands: Commands) -> None:
         type=int,
         default=256,
         metavar='MB',
-        help='refuse larger messages and chunks of messages, unpacked; default: %(default)s',
+        help='maximum unpacked size of a message or chunk; default: %(default)s',
     )
     add_worker_options(parser)
     parser.set_defaults(run=_replay)
@@ -170,7 +170,7 @@ def add_mask(commands: Commands) -> None:
     """Add the command ``mask``."""
     parser = commands.add_parser(
         'mask',
-        help='learn from a drive which returns are of the own vehicle',
+        help='learn the returns of the own vehicle from a drive',
         description='Write a file for the parameter mask: the directions and ranges of returns '
         'that stay the same while the vehicle moves. Draw a picture beside it. Exit status: 0 all '
         'done; 1 refused, for example because the vehicle stands still.',
@@ -187,7 +187,7 @@ def add_mask(commands: Commands) -> None:
         type=float,
         default=10.0,
         metavar='METRES',
-        help='from the sensor to the farthest point of the vehicle; default: 10',
+        help='largest range of a point of the vehicle; default: 10',
     )
     add_parameter_options(parser)
     parser.set_defaults(run=_mask)

@@ -245,13 +245,15 @@ def add_parameter_options(parser: ArgumentParser) -> None:
         default=[],
         dest='settings',
         metavar='NAME=VALUE',
-        help='set one parameter, after those of the files; may be repeated',
+        help='set one parameter, which overrides the files; may be repeated',
     )
 
 
 def add_chain_option(parser: ArgumentParser) -> None:
     """Add --chain, which :func:`read_parameters` reads, too."""
-    parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
+    parser.add_argument(
+        '--chain', metavar='D[,D…]', help='detectors, in the order in which they run'
+    )
 
 
 def names_in(text: str) -> tuple[str, ...]:

@@ -74,8 +74,8 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         '--inject',
         type=float,
         metavar='SHARE',
-        help='take all points for good ones, and make outliers of this share of them, as Pirotti '
-        'et al. (2018) did: half of them single points, half in clusters of 2 to 30; 0.0026 there',
+        help='treat all points as good, and turn this share into outliers, as Pirotti et al. '
+        '(2018) did with 0.0026: half of them single points, half in clusters of 2 to 30',
     )
     parser.add_argument(
         '--inject-distance',
@@ -83,7 +83,7 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(1.0, 200.0),
         metavar=('LOW', 'HIGH'),
-        help='range of their displacement, metres; they end at least LOW from every good point, '
+        help='displacement of injected outliers, metres; at least LOW from every good point, '
         'clusters twice as far; default: 1 200',
     )
 
@@ -116,7 +116,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         '--folds',
         type=int,
         metavar='N',
-        help='parts, each held out once; default: 5, or one for each of several recordings',
+        help='folds of the cross-validation; default: 5, or one for each of several recordings',
     )
     parser.add_argument(
         '--seed',

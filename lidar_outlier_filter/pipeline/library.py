@@ -42,7 +42,7 @@ class CloudFilter(Pipeline):
         Called once with a sentence on how the clouds are read and judged, or on missing
         fields.
     chain : str or sequence of str, optional
-        The detectors, in their order; short for ``chain`` in ``parameters``.
+        The detectors, in the order in which they run; short for ``chain`` in ``parameters``.
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ def gather(parameters: object, chain: str | Sequence[str] | None = None) -> Filt
     parameters : mapping of flat names to values, or FilterParameters; optional
         Values may be numpy's numbers.
     chain : str or sequence of str, optional
-        The detectors, in their order.
+        The detectors, in the order in which they run.
 
     Raises
     ------
