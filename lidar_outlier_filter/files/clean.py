@@ -69,7 +69,7 @@ class CleanReport:
     lines, lack : how scan lines were found, or why not
     rings : number of rings recovered from elevations
     coarse : a warning that float32 coordinates are too far from the origin
-    invalid : points that are no returns (NaN, Inf, all 0)
+    invalid : missing returns (NaN, Inf, all 0)
     ignored : points of ignored classes
     untested : points that no detector could test
     second_phase : points that the second phase of a detector marks

@@ -107,7 +107,7 @@ class CloudFile(Protocol):
 
     @property
     def metres(self) -> Mapping[str, float]:
-        """Metres per unit of columns with coordinates in other units."""
+        """Metres per unit of the columns with coordinates that are not in metres."""
         return {}
 
     @property

@@ -85,7 +85,7 @@ class JudgedFile:
     ----------
     file, options, parameters : as they were given
     coordinates : the columns that were judged
-    metres : metres per unit of coordinates in other units
+    metres : metres per unit, for coordinates that are not in metres
     loaded : the points; points of ignored classes are not valid
     ignored : number of points of ignored classes
     everything : the verdict on all points

@@ -80,9 +80,9 @@ class BinaryRows:
     def map(
         cls, path: Path, offset: int, dtype: np.dtype[np.void], count: int, end: int | None = None
     ) -> BinaryRows:
-        """Map the rows of a file that begin at ``offset``; refuse more or fewer up to ``end``.
+        """Map the rows of a file from ``offset`` on; refuse a wrong number of them up to ``end``.
 
-        Without an ``end``, that of the file.
+        Without ``end``, the rows reach to the end of the file.
         """
         end = path.stat().st_size if end is None else end
         check_points(path, count, dtype.itemsize, offset, end)

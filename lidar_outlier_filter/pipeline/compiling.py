@@ -61,7 +61,7 @@ class KernelShare(NamedTuple):
 
 
 def kernels_of(parameters: FilterParameters) -> tuple[object, ...]:
-    """Return what chooses kernels: the detectors, and which of their variants."""
+    """Return the detectors and their variants, which determine the kernels."""
     chosen = [
         (name, value)
         for name, value in parameters.flat().items()

@@ -147,7 +147,7 @@ class Pipeline:
         stamp : int, optional
             Time that the times of an array count from, nanoseconds. Absolute times need none.
         bypassed : str, optional
-            The reason why the cloud is not filtered: in its turn, all its points are cleaned.
+            The reason why the cloud is not filtered: all its points go to its cleaned cloud.
 
         Raises
         ------
@@ -240,7 +240,7 @@ class Pipeline:
 
     @property
     def has_line_detectors(self) -> bool:
-        """Whether the detectors that judge each scan line by itself can do without the others."""
+        """Whether the detectors that judge each scan line by itself can run alone."""
         return self._line_chain is not None
 
     def use_chain(self, chain: Chain) -> None:
@@ -279,7 +279,7 @@ class Pipeline:
         self._queue.set_max_delay(parameters.max_delay)
 
     def refused(self, err: CloudError) -> None:
-        """Count and report a cloud that was refused after it was accepted, or before."""
+        """Count and report a refused cloud."""
         self.statistics.refusals.note(err.what)
         self.refuse(err)
 

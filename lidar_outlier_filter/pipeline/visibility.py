@@ -72,7 +72,7 @@ class SensorView:
         return found
 
     def values(self) -> dict[str, str]:
-        """Name all, for /diagnostics."""
+        """Return all values by name, for /diagnostics."""
         found = {'visibility, m': f'{self.visibility:.0f}'}
         for sector in range(SECTORS):
             name = sector_name(sector)
@@ -199,13 +199,13 @@ class _ViewTally(NamedTuple):
 
     @classmethod
     def nothing(cls, rings: int) -> _ViewTally:
-        """Count from nothing."""
+        """Start with all counts at 0."""
         shapes = (SECTORS, len(BANDS)), (SECTORS, len(BANDS)), (rings, SECTORS), (SECTORS, STEPS)
         return cls(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
 def compile_watch() -> None:
-    """Run the kernel once on nothing."""
+    """Run the kernel once on empty input."""
     nothing = np.empty((0, 3)), np.empty(0, np.int64), np.empty(0, np.bool_)
     _count(*nothing, _ViewTally.nothing(0))
 

@@ -63,9 +63,9 @@ class Inbox:
         return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
 
     def put(self, item: Received) -> int:
-        """Add a cloud; return how many were dropped for it, the oldest first. One always fits.
+        """Add a cloud; return how many were dropped for it, the oldest first.
 
-        After the end it is the cloud itself that is dropped.
+        A single cloud always fits. After closing, the cloud itself is dropped.
         """
         dropped = 0
         with self._changed:
@@ -78,7 +78,7 @@ class Inbox:
         return dropped
 
     def order(self, command: Command, *, in_turn: bool = False) -> None:
-        """Have a command done, at once or after the clouds that wait."""
+        """Let the other thread run a command now, or after the pending clouds."""
         with self._changed:
             (self._items if in_turn else self._commands).append(command)
             self._changed.notify()
@@ -90,7 +90,7 @@ class Inbox:
             self._changed.notify()
 
     def close(self, last: Iterable[Received] = (), *, discard: bool = False) -> None:
-        """Let ``take`` return what is left and the ``last`` clouds, however much; then be done.
+        """Close: ``take`` returns the rest and the ``last`` clouds without a limit, then nothing.
 
         All under one lock: the other thread does not poll between the clouds and the end.
         """
@@ -122,7 +122,7 @@ class Inbox:
 
     @property
     def done(self) -> bool:
-        """Whether it is closed and empty: both at one time."""
+        """Whether it is closed and empty, read at one time."""
         with self._changed:
             return self._closed and not (self._items or self._commands)
 
@@ -143,7 +143,7 @@ class Inbox:
             return item
 
     def received_now(self, now: int) -> None:
-        """Let all that waits be received now: the clock is another."""
+        """Set the reception time of all pending clouds to now, after a change of the clock."""
         with self._changed:
             for item in self._items:
                 if isinstance(item, Received):

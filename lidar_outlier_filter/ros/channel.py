@@ -100,7 +100,7 @@ class Channel:
         self.worker.change(parameters)
 
     def show(self, show_cloud: Show) -> None:
-        """Hand each cloud that is judged from now on to a function, in the filter's thread."""
+        """Pass each cloud that is judged from now on to a function, in the filter's thread."""
         self._filter.show.append(partial(show_cloud, self.resolved))
 
     def sample(self, seconds: float) -> Report:
@@ -131,12 +131,12 @@ class Channel:
         self._warn_of_losses(math.inf)
 
     def stop(self) -> None:
-        """Drop all received clouds: nobody is there to send the outputs to."""
+        """Drop all received clouds: outputs can no longer be published."""
         self.worker.inbox.close(discard=True)
         self.worker.join()
 
     def destroy(self) -> None:
-        """Let go of the publishers."""
+        """Stop the worker, and destroy the publishers."""
         self.stop()
         self.publisher.destroy()
 

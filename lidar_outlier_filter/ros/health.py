@@ -268,7 +268,7 @@ class _Sample:
         return min(missed.total() / max(received, 1), 1.0), said
 
     def values(self) -> dict[str, str]:
-        """Name all: rates and times since the last sample, counts since the start."""
+        """Return all values by name: rates since the last sample, counts since the start."""
         tally, now = self.tally, self.now
         found = {
             'clouds/s': f'{tally.clouds / self.seconds:.1f}',

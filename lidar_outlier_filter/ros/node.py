@@ -117,7 +117,7 @@ class OutlierFilterNode(TunableNode):
             self.channels = self.make_channels()
 
     def make_channels(self) -> tuple[Channel, ...]:
-        """Make a way for each input, with its publishers."""
+        """Create a channel, with its publishers, for each input."""
         channels = tuple(Channel(self, name, self.filter_parameters) for name in self._names())
         if self._show is not None:
             for channel in channels:
@@ -125,7 +125,7 @@ class OutlierFilterNode(TunableNode):
         return channels
 
     def show(self, show_cloud: Show) -> None:
-        """Hand each judged cloud to a function: of these channels, and of those made later."""
+        """Pass the judged clouds of all present and future channels to a function."""
         self._show = show_cloud
         for channel in self.channels:
             channel.show(show_cloud)
@@ -164,7 +164,7 @@ class OutlierFilterNode(TunableNode):
     def finish(self) -> None:
         """Filter and publish all received clouds before the node ends.
 
-        Does nothing where ROS is shut down already: nobody would learn of it.
+        Does nothing after ROS was shut down: nothing can be published any more.
         """
         if self.context.ok():
             # Before one is waited for, so that the queues of the others do not run over meanwhile.
@@ -176,7 +176,7 @@ class OutlierFilterNode(TunableNode):
         self._is_started, self.statuses = False, ()
 
     def destroy_node(self) -> None:
-        """End what runs, and let go of the rest."""
+        """Stop all threads and release all resources."""
         for channel in self.channels:
             channel.stop()
         self._compiler.stop()
@@ -227,14 +227,14 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     """Filters while it is active.
 
     =============  ================================================================
-    state          what there is
+    state          contents
     =============  ================================================================
     unconfigured   parameters and services
-    inactive       publishers, too, which are silent; nothing is subscribed to
+    inactive       idle publishers, too; no subscriptions
     active         subscriptions and diagnostics, too
     =============  ================================================================
 
-    What was received while it was active is published before it is inactive.
+    Clouds received while active are published before the node becomes inactive.
     """
 
     is_managed = True
@@ -260,7 +260,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         self.get_logger().info('managed: waits to be configured and activated')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the publishers by the parameters of now."""
+        """Create the publishers from the current parameters."""
         try:
             self.channels = self.make_channels()
         except FilterError as err:
@@ -279,7 +279,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the publishers."""
+        """Destroy the publishers."""
         self._release()
         return super().on_cleanup(state)
 
