@@ -214,4 +214,4 @@ def _show(found: Tuned, parameters: FilterParameters, options: argparse.Namespac
     if notes:
         show(*notes, '')
     if steps := ros_lines(parameters, found.values):
-        show('On a node that runs with the parameters of the start:', *steps, '')
+        show('On a node that runs with its start-up parameters:', *steps, '')

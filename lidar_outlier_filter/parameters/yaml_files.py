@@ -158,7 +158,7 @@ def write_yaml(values: Mapping[str, object] | None = None) -> str:
 def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str]:
     """Write commands that change a running node, one parameter at a time.
 
-    Their order is such that the node, if it runs with the parameters of the start, accepts each.
+    Their order is such that the node, if it runs with its start-up parameters, accepts each.
     """
     left = {name: value for name, value in values.items() if start.flat()[name] != value}
     lines, now = [], start
