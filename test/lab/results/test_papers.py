@@ -37,7 +37,7 @@ def test_pages(name: str) -> None:
     tables = (TABLES / f'{name}.md').read_text(encoding='utf-8')
     assert f'<!-- begin {name}: written by `lidar-outlier-filter results`' in tables
     assert f'](../results/papers/{name}.md)' in text
-    for title in ('Step by step', 'Theirs and ours', 'Why ours differ', 'Open questions'):
+    for title in ('Step by step', 'Published and reproduced', 'Why ours differ', 'Open questions'):
         assert f'\n## {title}' in text
     assert f'config/papers/{name}' in text
     for line in tables.splitlines():
