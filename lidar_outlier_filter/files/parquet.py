@@ -85,7 +85,7 @@ class ParquetFile(CloudFile):
         ):
             for group in range(file.num_row_groups):
                 with readable(self.path):
-                    check_values(self.path, file, group)
+                    check_texts(self.path, file, group)
                     table = file.read_row_group(group)
                 part = slice(done, done + len(table))
                 for name, values in change.added.items():
@@ -110,9 +110,9 @@ def _properties(path: Path, file: Any) -> dict[str, Any]:
     """Return the options of a writer for the compression and version of the file."""
     if file.num_row_groups == 0:
         return {}
-    # pyarrow aborts at the metadata of a damaged column, and raises where it reads one.
-    with readable(path):
-        next(file.iter_batches(1, row_groups=[0]), None)
+    flat = [column.path for column in _columns(file) if not column.max_repetition_level]
+    with readable(path):  # as in check_groups, which has read the repeated columns
+        next(file.iter_batches(1, row_groups=[0], columns=flat), None)
     group = file.metadata.row_group(0)
     columns = (group.column(i) for i in range(group.num_columns))
     compression = {
@@ -130,29 +130,33 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> int:
     check_count(path, metadata.num_rows, sum(group.num_rows for group in groups))
     most = MAX_ROWS_PER_BYTE * path.stat().st_size
     check_fits(path, 'the number of points', metadata.num_rows, 1, most)
-    # The schema has the width of values of a fixed length.
-    widths = (_WIDTHS.get(c.physical_type) or c.length for c in _columns(file, repeated=False))
-    width = sum(widths)
+    # pyarrow aborts at the metadata of a damaged column, and raises where it reads it, which takes
+    # little memory here. Only a repeated column has more values than there are rows.
+    columns = _columns(file)
+    if repeated := [column.path for column in columns if column.max_repetition_level]:
+        file.scan_contents(repeated)
     for number, group in enumerate(groups):
-        _check_size(
-            path, number, group.num_rows, max(group.total_byte_size, group.num_rows * width)
-        )
+        total = group.total_byte_size
+        for index, column in enumerate(columns):
+            is_repeated = column.max_repetition_level > 0
+            count = group.column(index).num_values if is_repeated else group.num_rows
+            # The schema has the width of values of a fixed length.
+            total += count * (_WIDTHS.get(column.physical_type) or column.length)
+        _check_size(path, number, group.num_rows, total)
     return int(metadata.num_rows)
 
 
-def _columns(file: parquet.ParquetFile, *, repeated: bool) -> list[Any]:
-    """Return the columns that have several values in a row, or the others."""
-    columns = (file.schema.column(index) for index in range(len(file.schema.names)))
-    return [column for column in columns if (column.max_repetition_level > 0) == repeated]
+def _columns(file: parquet.ParquetFile) -> list[Any]:
+    """Return the columns of the schema."""
+    return [file.schema.column(index) for index in range(len(file.schema.names))]
 
 
-def check_values(path: Path, file: parquet.ParquetFile, number: int) -> None:
-    """Refuse a row group whose lists, texts and other values of any length become too large."""
+def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
+    """Refuse a row group whose texts, and other values of any length, become too large."""
     rows, total = file.metadata.row_group(number).num_rows, 0
-    texts = [c for c in _columns(file, repeated=False) if c.physical_type == _TEXT]
-    paths = [column.path for column in texts + _columns(file, repeated=True)]
+    texts = [column.path for column in _columns(file) if column.physical_type == _TEXT]
     # Few at once: one that is repeated may be as long as the file.
-    for batch in file.iter_batches(_ROWS, row_groups=[number], columns=paths) if paths else ():
+    for batch in file.iter_batches(_ROWS, row_groups=[number], columns=texts) if texts else ():
         # The values of a dictionary are held once.
         held = (c.indices if pa.types.is_dictionary(c.type) else c for c in batch.columns)
         total += sum(column.nbytes for column in held)

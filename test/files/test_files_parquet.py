@@ -108,7 +108,8 @@ def test_counts_that_lie(tmp_path: Path, said: bytes, other: bytes, refusal: str
 def test_no_change_of_the_footer_ends_the_process(tmp_path: Path) -> None:
     """A file with one changed byte of the footer is copied or refused; pyarrow may not abort."""
     path, other = tmp_path / 'cloud.parquet', tmp_path / 'other.parquet'
-    parquet.write_table(pa.table({name: np.arange(3.0) for name in 'xyz'}), path)
+    more = {'name': ['a', None, 'b'], 'list': [[1, 2], None, [3]]}
+    parquet.write_table(pa.table({**{name: np.arange(3.0) for name in 'xyz'}, **more}), path)
     data = path.read_bytes()
     footer = len(data) - 8 - int.from_bytes(data[-8:-4], 'little')
     for at in range(footer, len(data) - 8):

@@ -266,13 +266,13 @@ def test_a_text_that_is_repeated(tmp_path: Path, within: str) -> None:
     assert f'row group 0 of {path} unpacks to must be {must_be}' in opened(path)
 
 
-def test_a_column_that_is_packed(tmp_path: Path) -> None:
-    """Zeros take next to nothing in a file: rows of 20 000 of them, 8 bytes each."""
-    count = 10_000
-    zeros = pa.FixedSizeListArray.from_arrays(np.zeros(count * 20_000), 20_000)
+@pytest.mark.parametrize(('count', 'values'), [(10_000, 20_000), (1, 200_000_000)])
+def test_a_column_that_is_packed(tmp_path: Path, count: int, values: int) -> None:
+    """Zeros take next to nothing in a file: rows of so many of them, 8 bytes each."""
+    zeros = pa.FixedSizeListArray.from_arrays(np.zeros(count * values), values)
     path = write(tmp_path, count, zeros=zeros)
     assert path.stat().st_size < 1_000_000
-    assert f'row group 0 of {path} unpacks to must be at most 1073741824, got 10' in opened(path)
+    assert f'row group 0 of {path} unpacks to must be at most 1073741824, got 16' in opened(path)
 
 
 def test_more_points_than_there_can_be(tmp_path: Path) -> None:
