@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.evaluation.confusion import curve, f1, tally
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
 from lidar_outlier_lab.results.peers import distances
@@ -85,12 +85,6 @@ def row(kind: str, known: dict[str, Any], unseen: dict[str, Any]) -> list[str]:
     ]
 
 
-def best(value: Floats, outlier: Bools) -> float:
-    """Return F1 at the best threshold of a statistic."""
-    found = np.cumsum(outlier[np.argsort(-value, kind='stable')])
-    return float((2.0 * found / (np.arange(1, len(found) + 1) + found[-1])).max())
-
-
 def by_law(data: Path) -> str:
     """Judge a sweep of each sensor in each weather, and lay out a row for each sensor."""
     rows, every = [], []
@@ -98,14 +92,14 @@ def by_law(data: Path) -> str:
         cloud, row = read_sweeps(one)[0], [one.sensor]
         for number, kind in enumerate(chances.KINDS):
             points, outlier = put_weather(cloud, kind, [SEED, number], make=chances.make_both)
+            if outlier.sum() < MIN_OUTLIERS:
+                row.append(NOTHING)
+                continue
             verdict = Chain(FilterParameters()).judge(points)
             apart = distances(points.xyz, 3)[:, 2] / points.range
-            right = 2.0 * (verdict.outlier & outlier).sum()
-            f1 = right / max(verdict.outlier.sum() + outlier.sum(), 1)
-            cell = f1, best(np.nan_to_num(verdict.score), outlier), best(apart, outlier)
-            judged = bool(outlier.sum() >= MIN_OUTLIERS)
-            every += [cell] * judged
-            row.append(' / '.join(f'{value:.2f}' for value in cell) if judged else NOTHING)
+            ours = float(f1(tally(outlier, verdict.outlier))[0])
+            every.append((ours, curve(outlier, verdict.score).best, curve(outlier, apart).best))
+            row.append(' / '.join(f'{value:.2f}' for value in every[-1]))
         rows.append(row)
         print(row, flush=True)
     worst = np.mean(sorted(every)[: len(every) // 4], axis=0)

@@ -88,6 +88,15 @@ class Beams:
         """Count the beams."""
         return len(self.t)
 
+    def through(self, centre: Floats, radius: float) -> tuple[Floats, Floats]:
+        """Return how far (N,) along each beam the middle of a ball is, and its half way squared.
+
+        In metres, and m²; no beam meets the ball where the second is not above 0.
+        """
+        # Not by `@`: BLAS adds in another order on another processor.
+        along: Floats = np.einsum('ij,j->i', self.direction, centre)
+        return along, radius**2 - (np.sum(centre**2) - along**2)
+
 
 def find_beams(  # noqa: PLR0913  the columns of a cloud
     xyz: Floats,

@@ -9,9 +9,9 @@ Gamma variate. No law and no constant is that of the weather that trees are trai
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_lab.simulation.papers.aerial import log_uniform
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes, surfaces
 from lidar_outlier_lab.simulation.weather.kinds import WeatherSite, survey
@@ -20,7 +20,6 @@ KINDS = ('snow', 'rain', 'fog', 'spray', 'dust')
 FREE_M = 60.0  # how far a beam without a return is followed
 BEFORE_M = 0.1  # least distance before the surface
 FLIGHT_M = 12.0  # of what a wheel throws up
-Position = NDArray[np.float64]
 
 
 def make_both(
@@ -36,7 +35,7 @@ def make_both(
     if weather in {'spray', 'dust'}:
         far = _balls(weather == 'spray', beams, survey(beams), rng)
     elif weather == 'fog':
-        extinction = 3.0 / _log_uniform(rng, 20.0, 150.0)
+        extinction = 3.0 / log_uniform(rng, 20.0, 150.0)
         share = -np.expm1(-rng.uniform(1.0, 3.0) * extinction * np.minimum(reach, 30.0))
         far = _gamma(rng, rng.uniform(1.5, 6.0), rng.uniform(2.0, 9.0), count)
         far[rng.random(count) > share] = np.inf
@@ -45,7 +44,7 @@ def make_both(
         azimuth = np.arctan2(beams.direction[:, 1], beams.direction[:, 0])
         wind = 1.0 + rng.uniform(0.0, 0.8) * np.cos(azimuth - rng.uniform(-np.pi, np.pi))
         share = wind * (
-            _log_uniform(rng, 0.01, 0.35) if weather == 'snow' else _log_uniform(rng, 0.003, 0.08)
+            log_uniform(rng, 0.01, 0.35) if weather == 'snow' else log_uniform(rng, 0.003, 0.08)
         )
         if weather == 'snow':
             far = rng.lognormal(np.log(rng.uniform(2.5, 9.0)), rng.uniform(0.35, 0.8), count)
@@ -72,7 +71,7 @@ def _balls(sprayed: bool, beams: Beams, site: WeatherSite, rng: np.random.Genera
         away = rng.uniform(3.0, max(min(site.space, 25.0), 6.0))
         azimuth, heading = rng.uniform(-np.pi, np.pi, 2)
         start = np.array([away * np.cos(azimuth), away * np.sin(azimuth), site.ground])
-        free = _log_uniform(rng, 0.3, 8.0)
+        free = log_uniform(rng, 0.3, 8.0)
         for _ in range(int(rng.integers(10, 60))):
             way = rng.uniform(0.0, FLIGHT_M)
             if sprayed:  # flies as a stone does
@@ -91,21 +90,15 @@ def _balls(sprayed: bool, beams: Beams, site: WeatherSite, rng: np.random.Genera
 
 
 def _stop(
-    beams: Beams, centre: Position, radius: float, free: float, rng: np.random.Generator
+    beams: Beams, centre: Floats, radius: float, free: float, rng: np.random.Generator
 ) -> Floats:
     """Return how far (N,) beams come that a ball stops, after an exponential way in it."""
-    far = np.full(len(beams), np.inf)
-    along = beams.direction @ centre
-    half = radius**2 - (centre @ centre - along**2)
-    met = np.flatnonzero((half > 0) & (along > 0) & (centre @ centre > (radius + 0.5) ** 2))
-    depth, half = rng.exponential(free, len(met)), np.sqrt(half[met])
+    far, (along, square) = np.full(len(beams), np.inf), beams.through(centre, radius)
+    met = np.flatnonzero((square > 0) & (along > 0) & (np.sum(centre**2) > (radius + 0.5) ** 2))
+    depth, half = rng.exponential(free, len(met)), np.sqrt(square[met])
     far[met] = np.where(depth < 2.0 * half, along[met] - half + depth, np.inf)
     return far
 
 
 def _gamma(rng: np.random.Generator, shape: float, mean: float, count: int) -> Floats:
     return rng.gamma(shape, mean / shape, count)
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -231,9 +231,7 @@ def _limits(cloud: Plume, beams: Beams, reach: Floats) -> tuple[Floats, Floats]:
     begin, end = np.full(count, np.inf), np.zeros(count)
     for puff in cloud.puffs:
         centre, radius = np.array(puff.centre), WIDE * max(puff.size)
-        # Not by `@`: BLAS adds in another order on another processor.
-        along = np.einsum('ij,j->i', beams.direction, centre)
-        square = radius**2 - (np.sum(centre**2) - along**2)
+        along, square = beams.through(centre, radius)
         half = np.sqrt(np.maximum(square, 0.0))
         hit = (square > 0) & (along + half > 0)
         begin = np.where(hit, np.minimum(begin, along - half), begin)
