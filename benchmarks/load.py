@@ -134,14 +134,19 @@ def recovery(samples: list[Sample], end: float) -> str:
     return f'{well[0]:.1f} s' if well else 'never'
 
 
+def delays(samples: list[Sample], end: float) -> tuple[float, float]:
+    """Return the median of the seconds' p95, and the longest delay, at the first rate; ms."""
+    counted = [one for one in samples if one.at <= end][WARM:]
+    return median(one.p95 for one in counted), max(one.longest for one in counted)
+
+
 def put(options: argparse.Namespace, samples: list[Sample], end: float, values: Any) -> None:
     """Put the run as a row into the table of loads, or with ``--then`` of policies."""
     from lidar_outlier_lab.results.markdown import write_row
 
     sent = round(options.seconds * options.rate + REST * options.then)
     published = f'{values["messages"]} of {sent}'
-    counted = [one for one in samples if one.at <= end][WARM:]
-    longest = max(one.longest for one in counted)
+    p95, longest = delays(samples, end)
     if options.then:
         unfiltered = values.get('unfiltered for overload', 0)
         counts = (values['degraded'], unfiltered, values['dropped'])
@@ -149,19 +154,19 @@ def put(options: argparse.Namespace, samples: list[Sample], end: float, values: 
         row = [published, *cells, f'{longest / 1e3:.1f} s', recovery(samples, end)]
     else:
         chains = [item for item in options.settings if item.startswith('chain:=')]
-        p95 = f'{median(one.p95 for one in counted):.0f} ms'
-        row = [f'`{chains[0]}`' if chains else 'the default', published, p95, f'{longest:.0f} ms']
+        chain = f'`{chains[0]}`' if chains else 'the default'
+        row = [chain, published, f'{p95:.0f} ms', f'{longest:.0f} ms']
     section = 'policies' if options.then else 'load'
     write_row(PAGE, section, [options.write, *row], 'benchmarks/load.py --write')
 
 
 def summary(samples: list[Sample], end: float) -> str:
     """Say what was seen until the first rate ended, and when all was well after that."""
-    counted = [one for one in samples if one.at <= end][WARM:]
+    p95, longest = delays(samples, end)
     growth = max(one.memory for one in samples[WARM:]) - samples[WARM].memory
     return (
-        f'delay p95 {median(one.p95 for one in counted):.0f} ms (median of seconds), longest '
-        f'{max(one.longest for one in counted):.0f} ms; memory +{growth:.0f} MB after {WARM} s; '
+        f'delay p95 {p95:.0f} ms (median of seconds), longest {longest:.0f} ms; memory '
+        f'+{growth:.0f} MB after {WARM} s; '
         f'recovered after {recovery(samples, end)}'
     )
 

@@ -78,7 +78,10 @@ def write_row(path: Path, section: str, row: Sequence[str], command: str) -> Non
     lines = found.strip().splitlines()
     line = f'| {" | ".join(row)} |'.replace('|  |', '| |')
     same = [i for i, old in enumerate(lines) if old.startswith(f'| {row[0]} |')]
-    lines[same[0] if same else len(lines) : same[0] + 1 if same else len(lines)] = [line]
+    if same:
+        lines[same[0]] = line
+    else:
+        lines.append(line)
     write(path, section, '\n'.join(lines), command=command)
 
 
