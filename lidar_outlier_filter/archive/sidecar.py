@@ -42,8 +42,7 @@ RECORD, SEAL = 'archive', 'seal'  # keys; others are those of the log of a clean
 MAX_BYTES = 2**24  # of a sidecar; a larger file is not one
 _BROKEN = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
 
-# Parameters that do not change outputs.
-WITHOUT_EFFECT = ('threads', 'save_to')
+WITHOUT_EFFECT = ('threads', 'save_to')  # parameters that do not change outputs
 # Folders of the package whose code decides the bytes of an output.
 ROOMS = ('core', 'files', 'messages', 'parameters', 'pipeline', 'recordings')
 

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lidar_outlier_filter.errors import FilterError, ParameterError, printable
 
@@ -28,13 +28,19 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
-    Advance = Callable[..., object]  # so many of so many are done, and of what
 
 LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
 # Exit statuses; argparse itself exits with 2.
 DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
+
+
+class Advance(Protocol):
+    """Moves a bar."""
+
+    def __call__(self, done: int, total: int, text: str = '', /) -> object:
+        """Show that so many of so many are done, and of what."""
 
 
 def say(sentence: str) -> None:

@@ -151,9 +151,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
 
         def judge(cloud: Points) -> Verdict:
             progress(0, 0, 'judging')
-            tile = (
-                options.tile if cloud.ring is None else 0.0
-            )  # a turn of a spinning sensor is small
+            tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
             return judge_whole(cloud, parameters, slow=slow, tile=tile, allocate=allocate)
 
         everything = _judge_strips(loaded, judge) if options.strips else judge(loaded.points)

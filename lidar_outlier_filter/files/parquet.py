@@ -137,11 +137,10 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> int:
         file.scan_contents(repeated)
     for number, group in enumerate(groups):
         total = group.total_byte_size
-        for index, column in enumerate(columns):
-            is_repeated = column.max_repetition_level > 0
-            count = group.column(index).num_values if is_repeated else group.num_rows
+        for index, one in enumerate(columns):
+            count = group.column(index).num_values if one.max_repetition_level else group.num_rows
             # The schema has the width of values of a fixed length.
-            total += count * (_WIDTHS.get(column.physical_type) or column.length)
+            total += count * (_WIDTHS.get(one.physical_type) or one.length)
         _check_size(path, number, group.num_rows, total)
     return int(metadata.num_rows)
 
