@@ -59,11 +59,10 @@ SIZES = (1, 7, 48)  # points of clouds that nobody has scanned
 def settings(name: str) -> Iterator[dict[str, object]]:
     """Give the defaults of a detector, and each other choice that it has."""
     yield {}
-    for section, kind in {name: DETECTORS[name].section}.items():
-        for item in walk(kind, f'{section}.'):
-            for choice in item.choices:
-                if choice not in {item.default, 'filterpy'}:  # which calls no kernel of ours
-                    yield {item.name: choice}
+    for item in walk(DETECTORS[name].section, f'{name}.'):
+        for choice in item.choices:
+            if choice not in {item.default, 'filterpy'}:  # which calls no kernel of ours
+                yield {item.name: choice}
 
 
 def clouds() -> Iterator[Points]:
