@@ -14,7 +14,7 @@ from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter.core.detectors.registry import rejecting
@@ -61,17 +61,38 @@ class _RequestError(FilterError):
         self.status = status
 
 
+class RunningNode(Protocol):
+    """What the page reads of a node, and sets; from any thread."""
+
+    @property
+    def name(self) -> str:
+        """The full name."""
+
+    @property
+    def topics(self) -> list[str]:
+        """The inputs."""
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+
+    def statuses(self) -> list[dict[str, object]]:
+        """Say what the diagnostics said last."""
+
+    def set(self, values: Mapping[str, str]) -> str:
+        """Set all or none; say why not."""
+
+
 class PageServer:
     """Serves the page of a node from a thread of its own.
 
     Attributes
     ----------
-    node : what is asked of the node, from any thread: :class:`.NodeAccess`
     address : of the page, with its token
 
     """
 
-    def __init__(self, node: Any, port: int = 0) -> None:
+    def __init__(self, node: RunningNode, port: int = 0) -> None:
         """Take a port of this machine; 0: any free one."""
         self.node = node
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
@@ -149,8 +170,7 @@ class PageServer:
         if not isinstance(values, dict) or not all(isinstance(one, str) for one in values.values()):
             must_be = 'an object of names and texts'
             raise _RequestError('what is set', must_be, 'others', HTTPStatus.BAD_REQUEST)
-        refusal: str = self.node.set(values)
-        return refusal
+        return self.node.set(values)
 
 
 def _number(what: str, text: str, least: int, most: int) -> int:
