@@ -3,7 +3,7 @@
 """Processes for tasks: threads of this one, workers of this machine, or a Dask cluster.
 
 Dask sends a task to another worker when one dies or fails, restarts workers of this machine, and
-gives up on a task that several workers died of.
+gives up on a task during which several workers died.
 """
 
 # ruff: noqa: PLC0415  distributed is an extra, and takes half a second

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.report.sources import Source
 
-MOST_DRAWN = 10_000_000  # points
+MAX_DRAWN_POINTS = 10_000_000  # points
 
 
 def add_report(commands: Commands) -> None:
@@ -65,7 +65,7 @@ def add_report(commands: Commands) -> None:
     parser.add_argument(
         '--points',
         type=int,
-        default=MOST_DRAWN,
+        default=MAX_DRAWN_POINTS,
         metavar='N',
         help='draw at most N points, 16 bytes each; counts are of all points; default: %(default)s',
     )

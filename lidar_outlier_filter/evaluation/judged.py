@@ -19,7 +19,6 @@ from lidar_outlier_filter.core.verdict import DETECTORS, OUTLIER, SCORE
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
-    CLASSIFICATION,
     LABEL,
     LAS_NOISE,
     CloudLabels,
@@ -31,6 +30,7 @@ from lidar_outlier_filter.evaluation.labels import (
     words,
 )
 from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_filter.files.points import CLASSIFICATION
 from lidar_outlier_filter.messages.cloud import AXES, is_empty, structured
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ import numpy as np
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.files.cloud_file import check_file, open_cloud, read, readable
+from lidar_outlier_filter.files.points import CLASSIFICATION
 from lidar_outlier_filter.messages.cloud import is_empty, structured
 
 if TYPE_CHECKING:
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.annotations import Bools, Ints
 
-MOST_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
-CLASSIFICATION, LABEL = 'classification', 'label'
+MAX_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
+LABEL = 'label'
 LAS_NOISE = (7, 18)  # low and high noise, ASPRS LAS 1.4, table 17
 KITTI_OUTLIER, KITTI_UNLABELED = 1, 0  # SemanticKITTI's own configuration
 
@@ -76,8 +77,8 @@ def parse_codes(text: str) -> frozenset[int]:
         low, dash, high = part.strip().partition('-')
         first, last = low.strip(), high.strip() if dash else low.strip()
         fine = all(end.isascii() and end.isdigit() for end in (first, last))
-        if not fine or not int(first) <= int(last) <= MOST_CODE:
-            must_be = f"numbers up to {MOST_CODE} as in '7,18' or '1-5'"
+        if not fine or not int(first) <= int(last) <= MAX_CODE:
+            must_be = f"numbers up to {MAX_CODE} as in '7,18' or '1-5'"
             raise RecordingError('the codes', must_be, repr(text))
         codes.update(range(int(first), int(last) + 1))
     return frozenset(codes)
@@ -138,9 +139,9 @@ def read_codes(path: Path, name: str = '') -> Ints:
     """
     values = read_column(path, name or usual_column(path, (CLASSIFICATION, LABEL)))
     # Tables that are text hold whole numbers as floats.
-    if not bool((np.abs(values) <= MOST_CODE).all() and (values == np.floor(values)).all()):
-        got = values[~(values == np.floor(values)) | (np.abs(values) > MOST_CODE)][0]
-        raise RecordingError(f'the labels in {path}', f'whole numbers up to {MOST_CODE}', got)
+    if not bool((np.abs(values) <= MAX_CODE).all() and (values == np.floor(values)).all()):
+        got = values[~(values == np.floor(values)) | (np.abs(values) > MAX_CODE)][0]
+        raise RecordingError(f'the labels in {path}', f'whole numbers up to {MAX_CODE}', got)
     return values.astype(np.int64)
 
 
@@ -209,7 +210,7 @@ def _read_label(path: Path) -> NDArray[Any]:
     data = path.read_bytes()
     if len(data) % 4:
         raise RecordingError(f'the size of {path}', 'a multiple of 4 bytes', len(data))
-    return np.frombuffer(data, '<u4') & MOST_CODE
+    return np.frombuffer(data, '<u4') & MAX_CODE
 
 
 def _read_npy(path: Path) -> NDArray[Any]:

@@ -27,8 +27,8 @@ COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#0
 DASHES = ('-', '--', '-.', ':')
 SUFFIXES = ('.png', '.svg')
 DPI = 130
-MOST_DECADES = 6
-MOST_INSIDE = 5  # curves that a legend can name without hiding them
+MAX_DECADES = 6
+MAX_CURVES_INSIDE = 5  # curves that a legend can name without hiding them
 BESIDE = 2.2  # inches for the legend of more
 
 
@@ -48,7 +48,7 @@ def draw_roc(
     figure = Figure((10.5, 4.8), facecolor='white', layout='constrained')
     plain, close = figure.subplots(1, 2)
     fewest = min(1 / curve.lost[-1] for curve in curves.values())
-    left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MOST_DECADES)
+    left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MAX_DECADES)
     for number, (name, whole) in enumerate(curves.items()):
         curve, style = whole.thinned(), style_of(number)
         text = f'{name}  AUC {whole.auc:.4f}' + _about(name, settings)
@@ -135,7 +135,7 @@ def legend(figure: Figure, axes: Axes, where: str) -> None:
     """Name the curves within the picture, or, if they are many, beside it."""
     handles, labels = axes.get_legend_handles_labels()
     style: dict[str, Any] = {'fontsize': 9, 'labelcolor': INK, 'framealpha': 0.9}
-    if len(handles) > MOST_INSIDE:
+    if len(handles) > MAX_CURVES_INSIDE:
         figure.set_figwidth(figure.get_figwidth() + BESIDE)
         box = figure.legend(handles, labels, loc='outside right upper', **style)
     else:

@@ -37,7 +37,6 @@ MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
 CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are marked
 UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'ft': 0.3048, 'us-ft': 1200 / 3937}  # metres
 STRIP = 'point_source_id'
-CLASSIFICATION = 'classification'
 MAX_CLASS = 255
 
 
@@ -144,7 +143,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         metres = {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
         loaded = _load(file, coordinates, metres, options, parameters, allocate, progress)
     with timed(seconds, 'judge'):
-        classes = loaded.more.get(CLASSIFICATION) if file.classes else None
+        classes = loaded.more.get(points.CLASSIFICATION) if file.classes else None
         codes = None if classes is None else cloud_file.filled(classes).astype(np.uint8)
         loaded, ignored = _without(loaded, codes, options.ignore)
         loaded = points.recovered(file, loaded, parameters)
@@ -223,7 +222,7 @@ def _load(  # noqa: PLR0913  which points, and where to
         parameters,
         timed=bool(along_lines(chain)) if options.tile else uses_lines(chain),
         metres=metres,
-        more=[CLASSIFICATION] * file.classes + [STRIP] * options.strips,
+        more=[points.CLASSIFICATION] * file.classes + [STRIP] * options.strips,
         allocate=allocate,
         progress=lambda done: progress(done, len(file), 'reading'),
     )

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-GPS_TIME = 'gps_time'
+GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
 TIMES = (GPS_TIME, *TIME_NAMES)
 INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # CloudCompare writes scalar_…
 EDGE, DIRECTION, RETURN = 'edge_of_flight_line', 'scan_direction_flag', 'return_number'

@@ -52,7 +52,7 @@ class ExplainingChain(Chain):
     ----------
     rejected : by detector, how many points each value of its threshold would reject; points that
         are judged twice, as halo too, count twice
-    how : the ways in which detectors judged
+    used : the methods of the detectors
 
     """
 
@@ -61,7 +61,7 @@ class ExplainingChain(Chain):
         # `scores` adds the strongest reason and changes no verdict.
         super().__init__(parameters.changed({'scores': True}))
         self.rejected = {one.detector: np.zeros(len(one.values), np.int64) for one in possible}
-        self.how: set[str] = set()
+        self.used: set[str] = set()
         self._limits = {one.detector: one.limits for one in possible}
         # By point: its time, and score, features and contributions of each time it was judged.
         self._noted: dict[bytes, tuple[int, list[tuple[float, Ints, Singles]]]] = {}
@@ -90,7 +90,7 @@ class ExplainingChain(Chain):
     ) -> None:
         """Note the features that add most to the scores of the selected points."""
         found = explanations()[name].explain(seen, parameters, selected)
-        self.how.add(found.method)
+        self.used.add(found.method)
         number = {key: k for k, key in enumerate(features(), 1)}
         numbers = np.array([number[found.method, one] for one in found.names])
         # Features that only say where outliers are likely have no number as reasons.

@@ -92,7 +92,7 @@ class Gathered:
     counts : of the points that each step of each slider rejects
     points : those that can be drawn, frame by frame; ``RECORDED``, and columns of the source
     frames : how the points are cut
-    how : the methods of the detectors
+    methods : the methods of the detectors
     has_frames : whether clouds follow each other in time
 
     """
@@ -105,7 +105,7 @@ class Gathered:
     counts: list[list[Counts]]
     points: Rows
     frames: Frames
-    how: tuple[str, ...]
+    methods: tuple[str, ...]
     has_frames: bool
 
     @property
@@ -171,7 +171,7 @@ def gather(
         counts,
         points,
         frames,
-        tuple(sorted(chain.how)),
+        tuple(sorted(chain.used)),
         source.has_frames,
     )
 

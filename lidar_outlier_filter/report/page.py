@@ -92,7 +92,7 @@ def header(gathered: Gathered) -> dict[str, Any]:
         'seconds': (found.span[1] - found.span[0]) / SECOND if found.span else None,
         'gaps': [list(gap) for gap in gaps],
         'chain': list(rejecting(gathered.parameters)),
-        'ways': list(gathered.how),
+        'methods': list(gathered.methods),
         'hasFrames': gathered.has_frames,
         'together': gathered.frames.together,
         'sliders': [_slider(gathered, number) for number in range(len(gathered.sliders))],

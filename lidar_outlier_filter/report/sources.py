@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, CloudLabels, read_codes_of
+from lidar_outlier_filter.evaluation.labels import LABEL, CloudLabels, read_codes_of
 from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # Columns that a page shows of a point and saves, and their names in clouds, in small letters.
 SAVED = {
     'intensity': columns.INTENSITIES,
-    'class': (CLASSIFICATION,),
+    'class': (columns.CLASSIFICATION,),
     'gps_time': ('gps_time',),
     'return_number': ('return_number', 'returnnumber'),
     **{name: (name,) for name in ('red', 'green', 'blue')},
@@ -221,7 +221,9 @@ class FileSource:
         loaded = columns.recovered(file, loaded, parameters)
         self.parameters, self._loaded = parameters, loaded.points
         labels, column = truth
-        has_labels = LABEL in file.columns or (file.classes and CLASSIFICATION in file.columns)
+        has_labels = LABEL in file.columns or (
+            file.classes and columns.CLASSIFICATION in file.columns
+        )
         self._code = read_codes_of(labels, len(file), column) if named or has_labels else None
         without = 'so that it is judged without scan lines'
         if loaded.rings:

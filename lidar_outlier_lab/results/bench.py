@@ -47,7 +47,7 @@ SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 SLOW = 8  # part of the cloud that slow peers get
 COPIED = 48  # bytes of a point, as Ouster's: nothing that touches a cloud is faster than its copy
 COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
-MOST_CORES = 2
+MAX_CORES = 2
 PEERS = ('open3d', 'sklearn')
 # What is not compared here, and why.
 OTHERS = ('3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',)
@@ -114,7 +114,7 @@ def profile_messages(lines: float) -> list[Any]:
 def stream_work(
     messages: list[Any], chain: Sequence[str], form: Mapping[str, object] = SENSOR
 ) -> Work:
-    """Go the whole way of a drive: decode, verdict, split. ``form`` is how its clouds are read."""
+    """Filter a drive: decode, verdict, split. ``form`` is how its clouds are read."""
     parameters = FilterParameters().changed({**form, 'chain': chain})
 
     def stream() -> None:
@@ -224,7 +224,7 @@ def _tables(messages: list[Any], native: NativePeers | None) -> Iterator[tuple[s
 
 def speeds(works: Sequence[Work]) -> str:
     """Measure works on one core, and on two where there are; peers are compared on the most."""
-    counts = range(1, min(cores(), MOST_CORES) + 1)
+    counts = range(1, min(cores(), MAX_CORES) + 1)
     every = [
         [replace(work, call=partial(_on, count, work.call), seconds=[]) for count in counts]
         for work in works

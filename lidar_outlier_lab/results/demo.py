@@ -38,7 +38,7 @@ from lidar_outlier_lab.simulation.world.recording import Truth, record
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
-PAGE, MOST_DRAWN = 'report.html', 3_000_000
+PAGE, MAX_DRAWN = 'report.html', 3_000_000
 SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
 FORMS: dict[str, Mapping[str, object]] = {'paper': {**SENSOR, **SMOOTHER}, 'default': SENSOR}
 
@@ -71,7 +71,7 @@ def run(
             form = list(FORMS)[-1]
             picture.draw(*_points(folder / form), folder / PICTURE, form)
             source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
-            text = page(gather(source, CAUSES, MOST_DRAWN))
+            text = page(gather(source, CAUSES, MAX_DRAWN))
             (folder / PAGE).write_text(text, encoding='utf-8')
         snowed = _filter(folder / SNOW, snow, {SNOW_FILTERED: {}}, progress, lines_per_message=1)
         with _step(progress, 'drawing snow'):

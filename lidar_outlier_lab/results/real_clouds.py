@@ -33,8 +33,8 @@ RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
     'Hesai XT32': ('hesai_xt32_nebula_mcap', {'time_field': 'stamp'}),
 }
 CLEAN = (DEFAULT, '`quadric`', '`lof`', '`sor`', '`hierarchical`')
-MOST_REJECTED = 0.003  # of a clean recording
-LEAST_FOUND, MOST_LOST = 0.5, 0.0005  # of labelled artefacts, and of the good points
+MAX_REJECTED = 0.003  # of a clean recording
+MIN_FOUND, MAX_LOST = 0.5, 0.0005  # of labelled artefacts, and of the good points
 
 
 def section(data: Path, progress: Progress) -> str:
@@ -84,7 +84,7 @@ def _labelled(folder: Path, progress: Progress) -> str:
     return paragraphs(
         'Airborne clouds whose classes name noise (7, 18) or artefacts (65), judged as a whole, as '
         f'by `clean`; all other classes count as good. {"; ".join(counts)}. Aimed at: at '
-        f'least {percent(LEAST_FOUND)} found and at most {percent(MOST_LOST)} lost. It is reached '
+        f'least {percent(MIN_FOUND)} found and at most {percent(MAX_LOST)} lost. It is reached '
         f'by: {"; ".join(reached) if reached else "none"}.',
         'Where others have a higher F1 than the default:',
         leader(found, [DEFAULT], [one.name for one in everybody if one.name != DEFAULT]),
@@ -94,7 +94,7 @@ def _labelled(folder: Path, progress: Progress) -> str:
 
 def _reaches(standing: Standing) -> bool:
     whole = standing.whole
-    return whole.recall.ratio >= LEAST_FOUND and whole.false_rejections.ratio <= MOST_LOST
+    return whole.recall.ratio >= MIN_FOUND and whole.false_rejections.ratio <= MAX_LOST
 
 
 def recorded(path: Path, values: Mapping[str, object]) -> Training:
@@ -125,7 +125,7 @@ def _clean(folder: Path, progress: Progress) -> str:
     return paragraphs(
         'Recordings of real sensors in dry air, through the stream; share of the points that is '
         'rejected. Nothing is known of true outliers in them. Aimed at, for the default: at most '
-        f'{percent(MOST_REJECTED)}.',
+        f'{percent(MAX_REJECTED)}.',
         table(('sensor', 'points', *(one.name for one in ours)), rows),
     )
 

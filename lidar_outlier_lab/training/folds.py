@@ -68,7 +68,7 @@ class SceneRecipe(NamedTuple):
 
     Attributes
     ----------
-    what : one scene, for people
+    what : one scene, as text
     names : of the features
     rounds : trees of an ensemble
     good, bad : points of a scene that are drawn, and of each cause

@@ -67,7 +67,7 @@ def whole(
 
 @pytest.fixture(scope='module')
 def two() -> Iterator[Workers]:
-    """Start two workers, of a scheduler that gives up on what two died of: others start slowly."""
+    """Start two workers of a scheduler that gives up after two deaths: others start slowly."""
     with config.set({'distributed.scheduler.allowed-failures': 1}), local_workers(2) as workers:
         yield workers
 

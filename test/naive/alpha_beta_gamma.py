@@ -22,7 +22,7 @@ Ints = NDArray[np.int64]
 
 SINGULAR = 1e-10
 MAD_TO_SIGMA = 1.4826
-FEWEST_RESIDUALS = 10
+MIN_RESIDUALS = 10
 
 
 # Lines and segments ---------------------------------------------------------------------------
@@ -224,7 +224,7 @@ def window_score(residual: Floats, spread: Floats, significance: float) -> float
 
 def robust_sigma(residuals: Sequence[Floats], qs: Sequence[float], floor: float) -> Floats:
     """σ of x, y, z from the residuals of one line; NaN where there are fewer than 10 of them."""
-    if len(residuals) < FEWEST_RESIDUALS:
+    if len(residuals) < MIN_RESIDUALS:
         return np.full(3, nan)
     sigma = []
     for c in range(3):

@@ -18,7 +18,7 @@ import numpy as np
 Position = tuple[float, float, float]
 Edge = tuple[int, int]
 
-LEAST_SPREAD = 1e-3  # of the median: edges that differ by rounding alone are equally long
+MIN_SPREAD = 1e-3  # of the median: edges that differ by rounding alone are equally long
 
 
 class Verdict(NamedTuple):
@@ -40,7 +40,7 @@ def limit(lengths: Sequence[float], confidence: float) -> float:
     if not lengths:
         return inf
     spread = stdev(lengths) if len(lengths) > 1 else 0.0
-    spread = max(spread, LEAST_SPREAD * median(lengths))
+    spread = max(spread, MIN_SPREAD * median(lengths))
     return median(lengths) + NormalDist().inv_cdf((1 + confidence) / 2) * spread
 
 

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Members = list[int]
 
 RUN, SHARE, CONCENTRATIONS, BLUNT = 16, 0.3, 2, 0.01
-PASSES, ADJUSTMENTS, CONVERGED, LEAST_VARIANCE, SINGULAR = 30, 10, 1e-6, 0.01, 1e-12
+PASSES, ADJUSTMENTS, CONVERGED, MIN_VARIANCE, SINGULAR = 30, 10, 1e-6, 0.01, 1e-12
 GAP, CURVED, THICK, LIKE, TIGHT, PART = 4.0, 0.25, 0.2, 2.0, 1.5, 0.25
 MARGIN, ENOUGH, SMALLEST, RIM = 0.25, 1.5, 2.0**-20, 3
 PLANE, PARABOLOID, QUADRIC = 4, 7, 10
@@ -147,7 +147,7 @@ class Frame:
         """Slopes, and variances (30), which are held at a hundredth of their mean."""
         steep = [gradient(a, p, self.root) for p in self.points]
         sigma2 = np.array([d * (g @ g) for g, d in zip(steep, self.variance, strict=True)])
-        least = LEAST_VARIANCE * np.mean(sigma2[kept])
+        least = MIN_VARIANCE * np.mean(sigma2[kept])
         return np.array([sqrt(g @ g) for g in steep]), np.maximum(sigma2, least)
 
     def step(self, a: Floats, weights: Floats, size: int) -> Step | None:

@@ -192,7 +192,7 @@ def test_frames_in_a_circle() -> None:
 
 
 def test_a_clock_that_was_set_back() -> None:
-    """By the points, or by any transform: moving ones of before are forgotten, static ones stay."""
+    """A clock set back, in points or any transform, clears moving transforms; static ones stay."""
     tf = make(straight(0, 5, 0.1))
     tf.reset()
     assert not tf.reaches(at(0.6), 'lidar')

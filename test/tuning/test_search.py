@@ -42,7 +42,7 @@ SMALL: Tried = {
     'sor.k': [5, 20],
     'lof.min_pts': [10],
 }
-MOST_LOST = 0.01
+MAX_LOST = 0.01
 
 
 def road(seed: int, lines: int = 60, shots: int = 300) -> Training:
@@ -82,7 +82,7 @@ def requests(parameters: FilterParameters) -> Tried:
 
 
 def small(
-    data: Training, parameters: FilterParameters, most_lost: float = MOST_LOST, folds: int = 5
+    data: Training, parameters: FilterParameters, most_lost: float = MAX_LOST, folds: int = 5
 ) -> Tuned:
     """Search few settings."""
     return tune(data, parameters, most_lost, folds, requested=requests(parameters))
@@ -113,7 +113,7 @@ def test_nearly_the_best_there_is(names: tuple[str, ...]) -> None:
             for value in search.threshold.values[::3]:
                 changes = {**setting, search.threshold.name: value}
                 counts = run(unseen, found.changed(changes))
-                if counts.false_rejections.ratio <= MOST_LOST:
+                if counts.false_rejections.ratio <= MAX_LOST:
                     best = max(best, np.nan_to_num(counts.f1))
     assert tuned > 1.5 * run(unseen, start).f1
     assert tuned >= 0.98 * best

@@ -74,7 +74,7 @@ class Detector:
 
 
 class ReasonName(NamedTuple):
-    """What a number in ``outlier_reason`` means: a name, and a few words for people."""
+    """What a number in ``outlier_reason`` means: a name and a description."""
 
     name: str
     text: str
@@ -85,7 +85,7 @@ class Contributions(NamedTuple):
 
     Attributes
     ----------
-    method : how they were judged, of ``Explanation.ways``
+    method : how they were judged, a name in ``Explanation.methods``
     names : of the F features
     added : (F, M) float32
         To log-odds.
@@ -105,7 +105,7 @@ class Explanation:
     ----------
     reasons : meaning of the numbers in ``Scores.reason``, from 1 to 255
         Unique among all detectors; they never change their meaning.
-    methods : names of its methods, for people; for each its features, described in a few words
+    methods : its methods; for each, its features with a description
     choose : called with its input and parameters; returns the method
     explain : called with its input, its parameters and the points to explain
 

@@ -26,9 +26,9 @@ morphological filter (Zhang et al. 2003).
    interpolated between rows in the same way.
 2. Openings by squares of 3, 5, 9, 17 … cells, each of the result of the last one, until a square
    is as wide as the widest object.
-3. A cell that an opening of w cells lowers by more than ``RISE`` + ``SLOPE`` · (w - w before) ·
-   cell, at most ``MOST_RISE``, is no ground; for the first opening it is ``RISE``. The ground under
-   such cells is filled as in 1.
+3. A cell that an opening of w cells lowers by more than ``RISE_M`` + ``SLOPE`` · (w - w before) ·
+   cell, at most ``MAX_RISE_M``, is not ground; for the first opening it is ``RISE_M``. The ground
+   under such cells is filled as in 1.
 
 Openings keep what is lower than its surroundings: the paper does not treat low points. Here a
 ground cell more than ``PIT`` below its closing by 3 × 3 cells is raised to it after the openings,
@@ -53,10 +53,10 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-RISE, MOST_RISE = 0.3, 3.0  # metres
+RISE_M, MAX_RISE_M = 0.3, 3.0
 PIT = 0.5  # metres
 SLOPE = 0.3  # of the ground, rise ÷ run
-MOST_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
+MAX_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
 FREE_CELLS = 1 << 22
 CHUNK = 1 << 14  # points that a thread takes at once
 SHARE = 0.001  # most of the points that are taken off as set apart, on each side
@@ -148,7 +148,7 @@ def _against_ground(xyz: Floats, parameters: Elevation) -> Floats:
     """Score heights above the ground, and depths below it."""
     cell, widest = parameters.cell, max(parameters.widest, parameters.cell)
     score = np.zeros(len(xyz))
-    if _count_cells(xyz, cell) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
+    if _count_cells(xyz, cell) > max(FREE_CELLS, MAX_CELLS * len(xyz)):
         score = np.maximum(*(_beyond(xyz[:, axis], widest) for axis in range(2))) / widest
         score = np.maximum(score, 0)
     near = score <= 0
@@ -271,8 +271,8 @@ def heights(xyz: Floats, cell: float, widest: float) -> Floats:
     # SciPy's filters take a third of a second to import, and neighbours need none of them.
     from scipy import ndimage  # noqa: PLC0415
 
-    if _count_cells(xyz, cell) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
-        must_be = f'large enough for at most {MOST_CELLS} cells a point'
+    if _count_cells(xyz, cell) > max(FREE_CELLS, MAX_CELLS * len(xyz)):
+        must_be = f'large enough for at most {MAX_CELLS} cells a point'
         extent = ' × '.join(f'{side:g}' for side in np.ptp(xyz[:, :2], axis=0))
         raise FilterError('elevation.cell', must_be, f'{cell:g} m for {extent} m')
     at = (xyz[:, :2] - xyz[:, :2].min(axis=0)) / cell
@@ -305,7 +305,7 @@ def _surface(grid: Floats, cell: float, widest: float) -> Floats:
     before = width = 3
     while True:
         opened = ndimage.grey_opening(ground, (width, width))
-        rise = min(RISE + SLOPE * (width - before) * cell, MOST_RISE)
+        rise = min(RISE_M + SLOPE * (width - before) * cell, MAX_RISE_M)
         is_ground &= ground - opened <= rise
         ground = opened
         if width * cell >= widest:

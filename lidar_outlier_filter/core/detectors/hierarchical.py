@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND_PHASE = 1 << 15  # bit beside its own: the second phase rejected the point
-LEAST_SPREAD = 1e-3  # of the median
+MIN_SPREAD = 1e-3  # of the median
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def limit(length: Floats, confidence: float) -> float:
     length = np.sort(length)
     middle = float(np.median(length))
     spread = float(np.std(length, ddof=1)) if len(length) > 1 else 0.0
-    return middle + float(ndtri((1 + confidence) / 2)) * max(spread, LEAST_SPREAD * middle)
+    return middle + float(ndtri((1 + confidence) / 2)) * max(spread, MIN_SPREAD * middle)
 
 
 def components(count: int, edges: Edges, kept: NDArray[np.bool_]) -> Ints:

@@ -32,7 +32,7 @@ class Scores:
     scaled : bool
         Whether another threshold would divide the same statistics: nothing else depends on it.
     method : str
-        How the detector judged, for people, where it can do so in several ways.
+        Name of the method, if the detector has several.
 
     """
 

@@ -81,7 +81,7 @@ class Blocks(Generic[AnyCloud]):
         self._undecided = AUTO_MESSAGES if self._kind == 'auto' else 0
         self.pending: deque[AnyCloud] = deque()
         self._finished: list[AnyCloud] = []  # judged, and not returned yet
-        self._seen: deque[AnyCloud] = deque()  # with points that blocks to come need
+        self._seen: deque[AnyCloud] = deque()  # with points that later blocks need
         self._seen_points = self._pending_points = 0  # without missing returns, and with them
         self._newest = BEGINNING  # latest time of any point
         self._first_pending = END  # earliest time of a point without a verdict
@@ -90,7 +90,7 @@ class Blocks(Generic[AnyCloud]):
 
     @property
     def held(self) -> int:
-        """Number of points held: needed for blocks to come or without verdict, the larger."""
+        """Points in memory: the larger of those without a verdict and those later blocks need."""
         return max(self._seen_points, self._pending_points)
 
     def push(self, cloud: AnyCloud) -> list[AnyCloud]:
@@ -102,9 +102,9 @@ class Blocks(Generic[AnyCloud]):
         Raises
         ------
         CloudError
-            If a point is older than what was judged already: nothing changes. Or if more than
-            ``max_points`` points would be held: time advances all the same, so that blocks are
-            judged and forgotten when they are due; ``take_finished`` returns what that finished.
+            If a point is older than a judged block; nothing changes. Or if more than ``max_points``
+            points would be held; time still advances, the blocks that are due are judged, and
+            ``take_finished`` returns their clouds.
 
         """
         is_reset = self.is_set_back(cloud, self._newest)
@@ -138,12 +138,12 @@ class Blocks(Generic[AnyCloud]):
         return finished
 
     def flush_pending(self) -> list[AnyCloud]:
-        """Judge all that is pending with what has arrived; later clouds see it as their halo."""
+        """Judge all pending points with what has arrived; later clouds see them as their halo."""
         self._judge_until(END)
         return self.take_finished()
 
     def flush(self) -> list[AnyCloud]:
-        """Judge all that is pending, and forget it: the end of a stream."""
+        """Judge all pending points, then forget all points: the end of a stream."""
         finished = self.flush_pending()
         self._clear()
         return finished
@@ -164,10 +164,10 @@ class Blocks(Generic[AnyCloud]):
         _refuse_more_than(self._max_points, cloud.count)
 
     def make_room(self, cloud: StreamCloud, waiting: int = 0) -> None:
-        """Refuse a cloud for which there is no room beside ``waiting`` other points.
+        """Refuse a cloud that does not fit beside ``waiting`` other points.
 
-        If there is no room, and nothing else waits, time advances as the cloud would advance it:
-        blocks that it completes, and has no part in, are judged and forgotten first.
+        If it does not fit and nothing else is waiting, the earlier blocks that it completes are
+        judged and released first.
         """
         if waiting == 0 and self._points_with(cloud) > self._max_points:
             self._advance_time(cloud)
@@ -199,7 +199,7 @@ class Blocks(Generic[AnyCloud]):
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)
 
     def _becomes_message(self, cloud: StreamCloud) -> bool:
-        """Decide what ``auto`` is; return whether each message is a block from this one on."""
+        """Decide ``blocks: auto``; return whether each message is a block from this one on."""
         if not self._undecided or not len(cloud.points):
             return False
         self._undecided -= 1
@@ -297,7 +297,7 @@ class Blocks(Generic[AnyCloud]):
         return verdict
 
     def _first_pending_in(self, cloud: AnyCloud) -> int:
-        """Return the earliest time of a point of the cloud without a verdict; END: all have one."""
+        """Return the earliest time of a cloud's points without a verdict; END if there are none."""
         if cloud.first >= self._judged:
             return cloud.first
         if cloud.last < self._judged:
@@ -306,7 +306,7 @@ class Blocks(Generic[AnyCloud]):
         return int(t[t >= self._judged].min())
 
     def _forget(self, needed: int | None = None) -> None:
-        """Forget clouds that end before the halo of the block to come."""
+        """Forget clouds that end before the halo of the next block."""
         if needed is None:
             needed = self._judged - self._judged % self._block - self._halo
         self._seen = deque(cloud for cloud in self._seen if cloud.last >= needed)
@@ -314,6 +314,6 @@ class Blocks(Generic[AnyCloud]):
 
 
 def _refuse_more_than(limit: int, total: int) -> None:
-    """Refuse a cloud with which more points would be held than the limit."""
+    """Refuse a cloud that would exceed the limit of points in memory."""
     if total > limit:
         raise CloudError('the number of points held', f'at most max_points = {limit}', total)

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-HALO = 0.1  # of the side of a tile: its neighbours on the grid hold all of it
+TILE_HALO = 0.1  # of the side of a tile: the eight tiles around it cover the halo
 
 
 def along_lines(chain: Sequence[str]) -> str:
-    """List those detectors of a chain that need scan lines, for people; empty: none does."""
+    """Name the detectors of a chain that need scan lines, as text; empty if there are none."""
     return ', '.join(name for name in chain if DETECTORS[name].lines == 'needs')
 
 
@@ -143,7 +143,7 @@ def tiles(xyz: Floats, side: float) -> Iterator[tuple[Ints, Bools]]:
         inside = np.ones(len(near), np.bool_)
         for axis, low in enumerate((corner.real * side, corner.imag * side)):
             values = xyz[near, axis]
-            inside &= (values >= low - HALO * side) & (values <= low + side + HALO * side)
+            inside &= (values >= low - TILE_HALO * side) & (values <= low + side + TILE_HALO * side)
         own = number[near] == tile
         inside |= own  # rounding may put a point beyond the edge of its own tile
         yield near[inside], own[inside]

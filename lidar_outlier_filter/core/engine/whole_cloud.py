@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 
 def check_chain(chain: Sequence[str], what: str, lack: str) -> None:
-    """Refuse a chain that needs scan lines, of which a cloud lacks something.
+    """Refuse a chain that needs scan lines if the cloud lacks them.
 
     Parameters
     ----------
     chain : names of detectors
-    what, lack : the cloud, and what it lacks, for people
+    what, lack : the cloud, and what it lacks, as text for the error
 
     Raises
     ------

@@ -24,7 +24,7 @@ LANES = 32  # twice what compilers unroll a loop to; more would not fit into the
 
 
 def network(count: int, selected: range) -> Ints:
-    """Return which rows to compare and swap, one pair after the other, to sort so many.
+    """Return the pairs of rows to compare and swap, in order, that sort ``count`` rows.
 
     Batcher's merge exchange (Knuth 5.2.2, algorithm M), without the steps that the
     ``selected`` ranks, from 0, do not depend on: the other rows are not sorted.
@@ -56,15 +56,15 @@ def network(count: int, selected: range) -> Ints:
 
 @device_function
 def rows_of_singles(count: int) -> Singles:
-    """Make so many rows of lanes, single precision; one kernel, because numba has one per count."""
+    """Allocate rows of lanes, single precision, for any count: numba compiles it once."""
     return np.empty((count, LANES), np.float32)
 
 
 @kernel
-def fill(points: Ints, selected: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
-    """Put the next selected points of a range into lanes; those left over take the last one, too.
+def next_batch(points: Ints, selected: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
+    """Put the next selected points of a range into lanes; spare lanes repeat the last point.
 
-    Returns how many points there are, and where to go on.
+    Returns the number of points, and where the next batch begins.
     """
     count = 0
     while begin < end and count < len(points):

@@ -87,7 +87,7 @@ def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
     """
     if len(hood) <= 1:
         return np.empty((0, 2), np.int64)
-    # The nearest neighbour of a point that shares its place is there.
+    # The nearest neighbour of a point with a copy is the copy.
     nearest = hood.nearest(k).index[:, 0]
     shared = np.sort(hood.order[squared_distances(hood.xyz, nearest) == 0])
     distinct = find_distinct(np.take(xyz, shared, axis=0))
@@ -97,7 +97,7 @@ def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
 
 
 def in_parts(xyz: Floats, where: Ints) -> Iterator[Floats]:
-    """Take the points (M,) that there are of N, so many at once as memory bears."""
+    """Yield the selected points (M,) of N in parts that fit into memory."""
     for begin in range(0, len(where), AT_ONCE):
         yield np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
 
@@ -109,7 +109,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     ----------
     xyz : (N, 3) float64, metres
     where : (M,) int64
-        Which of the points there are; they are finite.
+        Indices of the points to use; they are finite.
     threads : maximum number of threads; 0: all cores
 
     """
@@ -126,9 +126,9 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
 @kernel
 def numbers(xyz: Floats) -> Ints:
-    """Return a number from 0 to 2³² for each of N points (N, 3), as if drawn by lot.
+    """Return a pseudo-random number from 0 to 2³² for each of N points (N, 3).
 
-    It is that of the place alone: neither the order of the points nor tiles count.
+    It depends on the position only, not on the order of the points or on tiles.
     """
     bits = (xyz + 0.0).view(np.uint64)  # 0 and -0 are one place
     result = np.empty(len(xyz), np.int64)

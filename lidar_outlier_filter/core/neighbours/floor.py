@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The floor of a whole cloud: it tells low points, and low groups, from ground that lies apart.
+"""The floor of a whole cloud: it separates low points and low groups from lower ground.
 
 Columns stand on a grid, two typical distances to a side; each has a lowest point. Wide columns are
 of five by five. The floor of one is the lower quartile of the lowest points of its columns and of
 those of the eight wide columns around. So low points do not count where they are in less than a
-quarter of the columns, and a terrace or a pit does where it is in more. Copies, the order of the
-points and tiles count for nothing.
+quarter of the columns, and a terrace or a pit does where it is in more. Copies, the
+order of the points and tiles have no effect.
 
 ``deep``
     How far the point is below the floor, ÷ the side of a column; negative above it.
@@ -71,7 +71,7 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     ----------
     xyz : (N, 3) float64, metres; z points up
     where : (M,) int64
-        Which of the points there are; they are finite.
+        Indices of the points to use; they are finite.
     threads : maximum number of threads; 0: all cores
 
     """
@@ -100,7 +100,7 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
 def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
     """Count low points: far below the floor, and not because of its slope.
 
-    It takes what :func:`measure_floor` does.
+    Parameters: see :func:`measure_floor`.
     """
     around = measure_floor(xyz, where, threads)
     return sum(_count_low(around, some) for some in in_parts(xyz, where))

@@ -24,7 +24,7 @@ __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 LARGEST = 1e150  # metres: squares stay finite
 FINEST = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
 COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
-MOST_POINTS = 2**31 - 1  # their indices are int32
+MAX_POINTS = 2**31 - 1  # their indices are int32
 # What a thread takes at once, about a millisecond: leaves where all points are selected, and rows.
 LEAVES, ROWS = 64, 1 << 14
 PART = 1 << 20  # points whose coordinates are checked at once
@@ -88,8 +88,8 @@ class Neighbourhood:
 
         """
         xyz = np.asarray(xyz, np.float64)
-        if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) > MOST_POINTS:  # noqa: PLR2004  x, y, z
-            raise FilterError('points', f'(N, 3) with N up to {MOST_POINTS}', xyz.shape)
+        if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) > MAX_POINTS:  # noqa: PLR2004  x, y, z
+            raise FilterError('points', f'(N, 3) with N up to {MAX_POINTS}', xyz.shape)
         if len(xyz) > 0 and not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
             got = xyz[~(np.abs(xyz) <= LARGEST)][0]
             raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COLUMNS = 720  # of the image: half a degree each, the first from 0° on, against the clock
-MOST_RINGS = 1024
+MAX_RINGS = 1024
 FARTHEST = 100.0  # metres: no vehicle is longer
 HEAD = f'# own vehicle, {COLUMNS} columns, metres'
 NAMES = 'ring,column,near,far'
@@ -33,8 +33,8 @@ NEEDS_RINGS = 'the rings of the sensor, by a field or by rows, where there is a 
 
 BIN = 0.05  # metres, of the histograms of ranges
 MIN_SHARE_OF_RETURNS = 0.5  # of the turns with a return in a cell, in which a range recurs
-MIN_SHARE_OF_TURNS = 0.25  # of all turns that count
-STEP = 1.0  # metres between two turns that count, where the position of the sensor is known
+MIN_SHARE_OF_TURNS = 0.25  # of all turns used
+STEP = 1.0  # metres between two turns that are used, where the position of the sensor is known
 # Elsewhere: the share of far cells whose range has changed, by so many metres plus so much of it.
 CHANGED, BY_METRES, BY_SHARE = 0.2, 0.2, 0.05
 WIDE = 4  # columns of one of these cells
@@ -62,7 +62,7 @@ class Mask:
 
     @classmethod
     def nothing(cls, rings: int) -> Mask:
-        """Return an image without a vehicle."""
+        """Return a mask without a vehicle."""
         return cls(np.full((rings, COLUMNS), np.inf), np.full((rings, COLUMNS), -np.inf))
 
     @property
@@ -135,9 +135,9 @@ def mask_of(parameters: FilterParameters) -> Mask | None:
 
 
 def content_of(parameters: FilterParameters) -> str:
-    """Hash the file of the mask, so that one that was learnt anew counts as another.
+    """Hash the mask file, to detect a changed mask.
 
-    ``off`` without one; of a file that cannot be read, its name: it is refused where it is read.
+    Returns ``off`` without a mask. The name of an unreadable file: reading it is refused elsewhere.
     """
     if parameters.mask == OFF:
         return OFF
@@ -184,10 +184,10 @@ def _cell(path: Path, number: int, line: str) -> tuple[float, float, float, floa
         ring, column, near, far = map(float, line.split(','))
     except ValueError:
         ring = column = near = far = np.nan
-    whole = ring in range(MOST_RINGS) and column in range(COLUMNS)
+    whole = ring in range(MAX_RINGS) and column in range(COLUMNS)
     if not (whole and 0 <= near <= far <= FARTHEST):
         must_be = (
-            f'a ring below {MOST_RINGS}, a column below {COLUMNS}, and two ranges, the nearer '
+            f'a ring below {MAX_RINGS}, a column below {COLUMNS}, and two ranges, the nearer '
             f'first, up to {FARTHEST:g} m'
         )
         raise ParameterError(f'line {number} of the mask {path}', must_be, repr(line))
@@ -206,11 +206,11 @@ def as_text(mask: Mask) -> str:
 class MaskLearner:
     """Learns a mask from turns of a sensor, one after the other.
 
-    A turn counts if it shows the scene from elsewhere than the last one that counted.
+    A turn is used if the sensor has moved since the last one that was used.
 
     Attributes
     ----------
-    turns, taken : number of turns, and of those that count
+    turns, taken : number of turns seen, and of turns used
 
     """
 
@@ -220,14 +220,14 @@ class MaskLearner:
         self._bins = int(np.ceil(reach / BIN))
         self._hits = np.zeros((0, COLUMNS, self._bins), np.uint32)
         self._returns = np.zeros((0, COLUMNS), np.int64)
-        self._last: Floats = np.zeros((0, COLUMNS // WIDE))  # ranges of the last turn that counted
+        self._last: Floats = np.zeros((0, COLUMNS // WIDE))  # ranges of the last turn used
         self._place: Floats | None = None
         self._sines = np.zeros(0)  # of elevations, added up by ring
         self._points = np.zeros(0, np.int64)
         self._samples: list[Floats] = []
 
     def add(self, points: Points, place: Floats | None = None) -> bool:
-        """Add a turn; return whether it counts.
+        """Add a turn; return whether it is used.
 
         Parameters
         ----------
@@ -243,8 +243,8 @@ class MaskLearner:
         self.turns += 1
         ring = points.line
         low, high = int(ring.min(initial=0)), int(ring.max(initial=-1))
-        if low < 0 or high >= MOST_RINGS:
-            raise CloudError('the ring of a point', f'from 0 to {MOST_RINGS - 1}', max(high, -low))
+        if low < 0 or high >= MAX_RINGS:
+            raise CloudError('the ring of a point', f'from 0 to {MAX_RINGS - 1}', max(high, -low))
         self._grow(high + 1)
         column, distance = _columns_and_ranges(points.xyz)
         ranges = np.full(self._last.shape, np.inf)
@@ -273,7 +273,7 @@ class MaskLearner:
             self._points = np.pad(self._points, (0, more))
 
     def _has_moved(self, ranges: Floats, place: Floats | None) -> bool:
-        """Return whether a turn shows the scene from elsewhere than the last one that counted."""
+        """Return whether the sensor has moved since the last turn that was used."""
         if self.taken == 0:
             return bool(np.isfinite(ranges).any())
         if place is not None and self._place is not None:
@@ -299,7 +299,7 @@ class MaskLearner:
         self._hits.reshape(-1)[np.unique(every)] += 1
 
     def learn(self) -> Mask:
-        """Return what stayed where it is, but for the ground; a column more on either side."""
+        """Return the static returns except the ground, widened by a column on either side."""
         mask = Mask.nothing(len(self._returns))
         least = np.maximum(MIN_SHARE_OF_RETURNS * self._returns, MIN_SHARE_OF_TURNS * self.taken)
         where = np.argwhere(self._hits >= np.maximum(least, 1)[:, :, np.newaxis])

@@ -170,9 +170,9 @@ def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str)
 def too_coarse(
     xyz: NDArray[np.float64], valid: NDArray[np.bool_], single: Sequence[bool], unit: float = 1.0
 ) -> str:
-    """Say that coordinates came as float32 and are too far from the origin for it; empty: no.
+    """Return a warning if float32 coordinates are too coarse at their distance; else empty.
 
-    The median of some points counts, so that a single far one says nothing of the cloud. From
+    The median distance of a sample counts, so that a single far point does not warn. From
     131 072 m on neighbouring float32 are more than ``COARSEST`` apart.
 
     Parameters
@@ -206,7 +206,7 @@ def _step(far: float, unit: float) -> float:
 
 @kernel
 def _find_returns(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
-    """Return the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
+    """Return which points are returns, and the index of the first beyond ``FARTHEST``, or -1."""
     result = np.empty(len(xyz), np.bool_)
     absurd = -1
     for i in range(len(xyz)):
@@ -221,7 +221,7 @@ def _find_returns(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
 def concatenate(parts: Sequence[Points]) -> Points:
     """Join points in the order given; all or none of the parts have a sigma, or an own frame.
 
-    Of parts without intensities they are unknown, where others have them.
+    Missing intensities become NaN if other parts have them.
     """
     if len(parts) == 1:
         return parts[0]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
 
 KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
-MOST_KEPT = 200_000
+MAX_POSES = 200_000
 TINY = 1e-9  # radians between two poses that are as good as one
 ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
 
@@ -55,14 +55,14 @@ class Track:
     def __init__(self, max_gap: float, time_jump: float) -> None:
         """Interpolate over gaps of up to ``max_gap`` seconds.
 
-        A time that goes back by more than ``time_jump`` seconds begins anew.
+        A time that goes back by more than ``time_jump`` seconds clears the poses.
         """
         self.max_gap = max_gap
         self._jump = round(time_jump * SECOND)
         self._lock = threading.Lock()
         self._times: list[int] = []
         self._poses: list[tuple[float, ...]] = []  # x y z, quaternion x y z w
-        self._is_new = False  # began anew, and has moved nothing since
+        self._is_new = False  # cleared by such a time, and not used since
 
     def __len__(self) -> int:
         """Count the poses."""
@@ -98,7 +98,7 @@ class Track:
                 raise PoseError('the time of a pose', 'after the one before', f'{late:g} s before')
             self._times.append(t)
             self._poses.append(pose)
-            old = max(bisect_left(self._times, t - KEPT), len(self._times) - MOST_KEPT)
+            old = max(bisect_left(self._times, t - KEPT), len(self._times) - MAX_POSES)
             if 2 * old > len(self._times):  # not one by one
                 del self._times[:old], self._poses[:old]
         return is_set_back
@@ -106,7 +106,7 @@ class Track:
     def reset(self) -> None:
         """Forget the poses: the clock of the points was set back.
 
-        Not those that have begun anew by themselves, and are ahead of the points.
+        Poses whose own clock was set back first are kept.
         """
         with self._lock:
             if not self._is_new:

@@ -140,7 +140,7 @@ export function measure(frames) {
   };
 }
 
-// What is known of a point, for people.
+// The values of a point, as text.
 export function describe(data, number, i) {
   const { header } = data;
   const frame = data.frames[number];

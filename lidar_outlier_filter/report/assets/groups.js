@@ -6,7 +6,7 @@
 import { isRejected, position, scoreOf } from 'data';
 
 export const CELL = 0.25; // metres: points in cells that touch, also at a corner, are one group
-const MOST = 200; // that are listed
+const MAX_LISTED = 200;
 // Half of the cells around one: the other half finds it.
 const BESIDE = [];
 for (let n = 0; n < 13; n += 1) BESIDE.push([Math.floor(n / 9) - 1, (Math.floor(n / 3) % 3) - 1, (n % 3) - 1]);
@@ -20,7 +20,7 @@ export function findGroups(data, bit) {
   for (const part of parts) {
     const found = ofPart(data, part, bit);
     total += found.length;
-    groups = [...groups, ...found].sort((a, b) => b.count - a.count).slice(0, MOST);
+    groups = [...groups, ...found].sort((a, b) => b.count - a.count).slice(0, MAX_LISTED);
   }
   return { groups, total };
 }

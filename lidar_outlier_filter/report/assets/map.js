@@ -10,7 +10,7 @@ const NARROWEST = 560; // pixels on the page of a wide map: in less its labels a
 const [LEFT, BELOW] = [88, 34]; // pixels of the axes: to the left, and below
 const TICK = 125; // pixels from number to number, at least
 const LONGEST = 130; // pixels of a scale bar
-const MOST = 60000; // points that no step rejects
+const MAX_KEPT_POINTS = 60000; // that no step rejects
 const DOT = 3; // pixels of a rejected point
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 // A colour as ImageData has it, the red first.
@@ -48,7 +48,7 @@ export class Map2D {
     this.ground = new Uint8Array(this.wide * this.tall); // whether a pixel has points
     this.steps = new Uint32Array(this.wide * this.tall); // the steps that reject any of its points
     for (const frame of frames) {
-      visitSample(frame, Math.max(60, MOST / frames.length), (i, there) => {
+      visitSample(frame, Math.max(60, MAX_KEPT_POINTS / frames.length), (i, there) => {
         const [u, v] = this.place(there);
         if (u < 0 || v < 0 || u >= this.wide || v >= this.tall) return;
         const pixel = Math.floor(v) * this.wide + Math.floor(u);

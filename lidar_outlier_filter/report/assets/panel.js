@@ -134,7 +134,7 @@ export function showFound(parent, header) {
     ['topic', header.topic],
     ['read as', header.convention || 'no cloud had a valid point'],
     ['coordinates', header.hasFrames ? 'metres' : `as in the file, ${header.unit}`],
-    ['judged by', `${header.chain.join(', ')}${header.ways.length ? `: ${header.ways.join('; ')}` : ''}`],
+    ['judged by', `${header.chain.join(', ')}${header.methods.length ? `: ${header.methods.join('; ')}` : ''}`],
     ['points', `${all} measured points. Every count and share on this page is of them; ${header.untested ? count(header.untested) : 'none'} of them untested`],
     ['not counted', notCounted(header)],
     ['drawn', header.drawn === header.all.points ? 'all of them'

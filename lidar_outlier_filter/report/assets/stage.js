@@ -11,7 +11,7 @@ import { clearPoint, showPoint } from 'panel';
 import { View } from 'scene';
 
 const CLICK = 4; // CSS pixels that a pointer may move in a click
-const MOST_MARKS = 3000; // of a scan line
+const MAX_MARKS = 3000; // of a scan line
 const AXIS = 26; // CSS pixels
 const TURN = 0.08; // rad
 const FLY = 0.06; // of the distance to the target
@@ -112,7 +112,7 @@ export class Stage {
       inLine: line.length,
     });
     view?.setMarks(0, frame, near.map(([i]) => i));
-    const each = Math.ceil(line.length / MOST_MARKS);
+    const each = Math.ceil(line.length / MAX_MARKS);
     view?.setMarks(1, frame, line.filter((i, k) => k % each === 0 && !rejected(i)));
     this.placeRing();
   }

@@ -42,7 +42,7 @@ PAIRS = (('SOR', 'SOR2'), ('LOF', 'LOF2'), (PCL, PCL2))
 
 
 def with_pcl(near: Neighbourhood, k: int) -> dict[str, Floats]:
-    """Measure every point in the four ways of the paper, and by the code that it names."""
+    """Compute the four statistics of the paper, and those of the code that it names."""
     factor = measure_pcl(near, k)
     return {**statistics(near, k), PCL: factor, PCL2: np.abs(factor - np.median(factor))}
 

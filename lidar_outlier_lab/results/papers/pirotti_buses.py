@@ -25,7 +25,7 @@ OFF = 'off the line'
 
 
 def with_line(near: Neighbourhood, k: int) -> dict[str, Floats]:
-    """Measure every position in five ways: the fifth, its distance from its neighbours' line.
+    """Compute five statistics of every position, the fifth the distance from the neighbours' line.
 
     The line is the first principal axis of the k nearest in x and y. The paper asks for a degree of
     linearity as a descriptor; the distance from the line is what it makes of a position.

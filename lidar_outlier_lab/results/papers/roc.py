@@ -72,7 +72,7 @@ class Found:
 
 
 def statistics(near: Neighbourhood, k: int) -> dict[str, Floats]:
-    """Measure every point in the four ways, (N,) each."""
+    """Return the four statistics of every point, (N,) each."""
     distance = sor.measure(near, Sor(k=k))
     factor = lof.measure(near, Lof(min_pts=k))
     return {
@@ -90,7 +90,7 @@ def explore(
     neighbours: Sequence[int] = NEIGHBOURS,
     measure: Measure = statistics,
 ) -> Found:
-    """Measure every point in all ways, and every way by its ROC curve."""
+    """Compute all statistics of every point, and the ROC curve of each."""
     bad = code != Cause.GOOD
     near = Neighbourhood(xyz, max(neighbours))
     found = Found({}, {}, {}, {}, {}, {})

@@ -135,7 +135,7 @@ def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> BothEcho
     surface = echoes.surfaces(beams, fall.extinction)
     least = surface.power if sweep.returns == 'strongest' else np.zeros(len(beams))
     where, far, echo = drops.strike(fall, optics, beams.range, least, sweep.rng)
-    # Of several drops, that which is measured.
+    # The drop that is measured, of several.
     requested = {'first': far, 'last': -far}.get(sweep.returns, -echo)
     rank = np.lexsort((requested, where))
     chosen = rank[np.flatnonzero(np.diff(where[rank], prepend=-1))]

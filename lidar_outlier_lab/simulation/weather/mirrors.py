@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
-LEAST_JUMP, MOST_JUMP = 0.25, 6.0  # metres between two surfaces whose echoes merge
-LEAST_SHARE = 0.15  # of the jump, that a mixed point is away from both
+MIN_JUMP_M, MAX_JUMP_M = 0.25, 6.0  # between two surfaces whose echoes merge
+MIN_SHARE = 0.15  # of the jump, that a mixed point is away from both
 BESIDE = 0.06  # rad, at most, between a mirrored point and the beam that sees it
 PANES = 6  # every third is water
 
@@ -34,11 +34,11 @@ def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, B
     same = beams.ring[1:] == beams.ring[:-1]
     both = np.isfinite(distance[1:]) & np.isfinite(distance[:-1]) & same
     jump = np.abs(np.where(both, distance[1:], 0.0) - np.where(both, distance[:-1], 0.0))
-    edge = np.flatnonzero((jump > LEAST_JUMP) & (jump < MOST_JUMP))
+    edge = np.flatnonzero((jump > MIN_JUMP_M) & (jump < MAX_JUMP_M))
     edge = edge[rng.random(len(edge)) < share]
     # One of the two beams lies on the edge.
     which = edge + (rng.random(len(edge)) < 0.5)  # noqa: PLR2004  either
-    part = LEAST_SHARE + (1.0 - 2.0 * LEAST_SHARE) * rng.random(len(edge))
+    part = MIN_SHARE + (1.0 - 2.0 * MIN_SHARE) * rng.random(len(edge))
     distance[which] = part * beams.range[edge] + (1.0 - part) * beams.range[edge + 1]
     mixed = np.zeros(len(beams), np.bool_)
     mixed[which] = True
@@ -84,7 +84,7 @@ def mirror(
         off, nearest = seen.query(beams.direction[chosen], k=3, distance_upper_bound=BESIDE)
         reach = np.where(np.isfinite(off), np.append(far, np.inf)[nearest], np.inf).min(axis=1)
         found = np.isfinite(reach) & (reach < optics.farthest)
-        found &= reach > beams.range[chosen] + LEAST_JUMP
+        found &= reach > beams.range[chosen] + MIN_JUMP_M
         distance[chosen[found]], mirrored[chosen[found]] = reach[found], True
     return distance, mirrored
 

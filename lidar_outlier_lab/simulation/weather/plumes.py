@@ -32,7 +32,7 @@ OUTSIDE = 1e-3  # per metre: less extinction counts as 0
 VOXEL = 0.2  # metres
 FARTHEST = 12.0  # metres up to which what is everywhere sends back echoes that count
 STEP = 1.0  # metres: cells of what is beyond, which only takes light
-MOST_STEPS = 128  # up to a surface, however far
+MAX_STEPS = 128  # up to a surface, however far
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def _cells(field: _Field, direction: Floats, begin: Floats, end: Floats, cell: f
 
 def _depth(field: _Field, direction: Floats, begin: Floats, end: Floats) -> Floats:
     """Return the optical depth (N,) between two ranges."""
-    count = int(np.clip(np.ceil((end - begin).max() / STEP), 1, MOST_STEPS))
+    count = int(np.clip(np.ceil((end - begin).max() / STEP), 1, MAX_STEPS))
     step = (end - begin) / count
     middle = begin[:, None] + step[:, None] * (np.arange(count) + 0.5)
     depth: Floats = field.at(direction, middle).sum(axis=1) * step

@@ -61,7 +61,7 @@ def _quadruple(value: float) -> float:
     return _double(_double(value))
 
 
-def test_python_cannot_call_an_inner_kernel() -> None:
+def test_python_cannot_call_a_device_function() -> None:
     """It has no entry that could be called, and says so, compiled or not."""
     with pytest.raises(TypeError, match=r'^_double is an inner kernel: only kernels can call it$'):
         _double(1.0)
@@ -84,7 +84,7 @@ def _sums(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     return total
 
 
-def test_an_apart_kernel() -> None:
+def test_a_noalias_kernel() -> None:
     """It writes what any other would; Python cannot call it."""
     rows = np.random.default_rng(1).normal(size=(5, 32)).astype(np.float32)
     expected = np.zeros(32, np.float32)

@@ -39,7 +39,7 @@ def test_fills_lanes_with_requested_points(share: float, size: int) -> None:
     begin, end, seen = 3, 141, []
     points = np.empty(size, np.int64)
     while begin < end:
-        count, begin = lanes.fill(points, selected, begin, end)
+        count, begin = lanes.next_batch(points, selected, begin, end)
         seen += points[:count].tolist()
         assert_array_equal(points[count:], seen[-1:] * (size - count) if count else points)
     assert seen == [i for i in range(3, 141) if selected[i]]

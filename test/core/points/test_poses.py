@@ -164,7 +164,7 @@ def test_threads_wait_for_each_other(work: str) -> None:
 
 
 def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
-    """Unless they began anew by themselves, and are those of now."""
+    """Unless their own clock was set back first, and they are newer."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (5.0, (0.0,) * 3 + LEVEL))
     made.reset()
     assert len(made) == 0

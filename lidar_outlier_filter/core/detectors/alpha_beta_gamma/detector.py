@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
-FEWEST_RESIDUALS = 10  # fewer of them in a line give no standard deviation
+MIN_RESIDUALS = 10  # fewer of them in a line give no standard deviation
 MAD_TO_SIGMA = 1.4826  # median of |N(0, 1)| is 0.6745
 
 
@@ -191,7 +191,7 @@ def _one_precision(
         value = abs(standard[i])
         scratch[count] = value
         count += not np.isnan(value)
-    if count < FEWEST_RESIDUALS:
+    if count < MIN_RESIDUALS:
         return np.nan
     return 1 / max(floor, MAD_TO_SIGMA * median(scratch, count))
 

@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     write_near,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    LEAST_LOG_ODDS,
+    MIN_LOG_ODDS,
     NO_TREES,
     SURVEY_MODEL,
     Trees,
@@ -106,8 +106,8 @@ def find_distinct(
 
 def score(odds: Floats, threshold: float) -> Floats:
     """Return scores from 0, more than 1 where rejected; ``threshold`` is the user's, 1 usually."""
-    scores: Floats = np.maximum(odds - LEAST_LOG_ODDS, 0.0) / (
-        threshold * (load(SURVEY_MODEL).threshold - LEAST_LOG_ODDS)
+    scores: Floats = np.maximum(odds - MIN_LOG_ODDS, 0.0) / (
+        threshold * (load(SURVEY_MODEL).threshold - MIN_LOG_ODDS)
     )
     return scores
 

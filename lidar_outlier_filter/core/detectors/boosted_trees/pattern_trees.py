@@ -35,7 +35,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import (
     write_scores,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    LEAST_LOG_ODDS,
+    MIN_LOG_ODDS,
     NO_TREES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -55,7 +55,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import write_features
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, fill, rows_of_singles
+from lidar_outlier_filter.core.kernels.lanes import LANES, next_batch, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     LINES_AT_ONCE,
     Pattern,
@@ -109,8 +109,8 @@ def judge(
     first = first_pass(prepared, model.first, threads)
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     limit = (
-        threshold * (model.threshold - LEAST_LOG_ODDS),
-        threshold * (model.threshold_bright - LEAST_LOG_ODDS),
+        threshold * (model.threshold - MIN_LOG_ODDS),
+        threshold * (model.threshold_bright - MIN_LOG_ODDS),
     )
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
@@ -211,7 +211,7 @@ def _judge(
     for line in range(begin, end):
         k = pattern.first[line]
         while k < pattern.last[line]:
-            count, k = fill(positions, asked, k, pattern.last[line])
+            count, k = next_batch(positions, asked, k, pattern.last[line])
             if count > 0:
                 write_values(prepared, profile, first, second, line, room)
                 add_lanes(trees, room.values, total)
@@ -338,6 +338,6 @@ def _scale(
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line]):
             most = bright_limit if bright[k] >= 0 else dark_limit
-            value = max(float(odds[k]) - LEAST_LOG_ODDS, 0.0) / most
+            value = max(float(odds[k]) - MIN_LOG_ODDS, 0.0) / most
             score[order[k]] = value
             rejected[k] = value > 1

@@ -34,7 +34,7 @@ NAMES = {
     SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
 }
 QUESTIONS, VALUES = 7, 8  # of a tree: a point meets three of the questions
-LEAST_LOG_ODDS = -8.0  # a score of 0
+MIN_LOG_ODDS = -8.0  # a score of 0
 
 
 class Trees(NamedTuple):

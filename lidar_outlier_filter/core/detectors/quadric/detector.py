@@ -213,9 +213,9 @@ def _is_before(xyz: Floats, one: int, other: int) -> bool:
 
 @kernel
 def share_scores(xyz: Floats, score: Floats) -> None:
-    """Give coincident points, which follow each other, the least of their scores.
+    """Give coincident points, which are adjacent, their lowest score.
 
-    Each may be in the fit or not, whichever was given first.
+    Which of them is in the fit depends on their order.
     """
     begin = 0
     for i in range(1, len(score) + 1):
@@ -231,7 +231,7 @@ def share_scores(xyz: Floats, score: Floats) -> None:
 def find_cores(tree: Tree, most: int) -> Ints:
     """Find the largest subtrees with at most so many points, in tree order: their nodes.
 
-    A leaf of more points, which coincide, is one too.
+    Larger leaves, of coincident points, are cores, too.
     """
     cores = np.empty(len(tree.first), np.int64)
     count = 0

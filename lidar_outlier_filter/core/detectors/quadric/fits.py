@@ -27,7 +27,7 @@ PLANE, PARABOLOID = 4, 7  # parameters, one of which the norm takes away
 # each of them. That is a fifth of the time to compile, and saves a tenth of the time to run.
 SIZES = (PLANE, PARABOLOID, QUADRIC)
 ROOT2 = 2**0.5
-LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
+MIN_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 HEIGHT = 3  # the column of z
 SINGULAR = 1e-12  # a pivot below this part of the matrix: the parameters are ambiguous
 ADJUSTMENTS = 10
@@ -193,7 +193,7 @@ def measure_gradient(window: Window, n: int) -> None:
     for i in range(n):
         total += sigma2[i] if window.kept[i] else 0.0
         count += window.kept[i]
-    least = LEAST_VARIANCE * total / count
+    least = MIN_VARIANCE * total / count
     for i in range(n):
         sigma2[i] = max(sigma2[i], least)
 

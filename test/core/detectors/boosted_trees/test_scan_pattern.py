@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    LEAST_LOG_ODDS,
+    MIN_LOG_ODDS,
     Trees,
     add_up,
     load,
@@ -223,8 +223,8 @@ def test_points_with_an_intensity_have_a_threshold_of_their_own(threshold: float
     bright = np.empty(len(points), np.float32)
     spread(pattern, pattern.bright, bright)
     assert 0.3 < np.mean(bright >= 0) < 0.7
-    limit = np.where(bright >= 0, model.threshold_bright, model.threshold) - LEAST_LOG_ODDS
-    expected = np.maximum(odds.astype(np.float64) - LEAST_LOG_ODDS, 0.0) / (threshold * limit)
+    limit = np.where(bright >= 0, model.threshold_bright, model.threshold) - MIN_LOG_ODDS
+    expected = np.maximum(odds.astype(np.float64) - MIN_LOG_ODDS, 0.0) / (threshold * limit)
     np.testing.assert_array_equal(judge(pattern, threshold), expected)
 
 
