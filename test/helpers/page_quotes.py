@@ -156,8 +156,10 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         [
             Quote(
                 'README.md',
-                'F1 and good points lost {real_snow/In short/default/both returns};\n'
-                'DROR tuned on the same labels {real_snow/In short/DROR/both returns}. [Real',
+                'F1 {real_snow/Both returns/default/F1}, and '
+                '{real_snow/Both returns/default/good points lost} of the good points lost;\n'
+                'DROR, tuned on the same labels: {real_snow/Both returns/DROR/F1} and '
+                '{real_snow/Both returns/DROR/good points lost}. [Real',
             ),
             Quote(ACCURACY, 'F1 is {real_snow/In short/default/both returns} with both returns'),
             Quote(
