@@ -80,7 +80,7 @@ class Result:
     ----------
     record : of its sidecar
     log : further content of the sidecar
-    report, found : of a file that was cleaned now, and what ``inspect`` returned
+    report, found : of a file cleaned in this run, and the result of ``inspect``
     messages : sentences for the user
 
     """

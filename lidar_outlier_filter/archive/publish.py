@@ -155,12 +155,12 @@ def publish(
     task : whose outputs are in the folder ``built``; no outputs if it has no clouds
     record : without fingerprints of the outputs
     log : what the sidecar contains beside the record
-    before : what was there when the work began, which alone is replaced
+    before : outputs found before the work; only these are replaced
 
     Returns
     -------
     ArchiveRecord
-        That of the sidecar, which a run at the same time may have written.
+        The sidecar's record; a concurrent run may have written it.
 
     """
     files = _built(task, built)

@@ -135,7 +135,7 @@ class Run:
 
     Parameters
     ----------
-    job, workers : what is done, and by whom
+    job, workers : the job, and its workers
     show : called regularly with the bytes that are done, all bytes, and a text
     leave : called regularly; may raise to stop the run
     inform : called with sentences
@@ -149,9 +149,9 @@ class Run:
     inform: Inform = str
 
     def all(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Result]]:
-        """Run tasks; then those whose workers died, one at a time; give the result of each.
+        """Yield the result of each task; tasks whose worker died run again, one at a time.
 
-        Dask blames the death of a worker on all tasks that it had, also on those that waited.
+        If a worker dies, Dask fails all tasks assigned to it, running or queued.
 
         Raises
         ------
@@ -227,7 +227,7 @@ def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, s
     Parameters
     ----------
     tasks : whose outputs and sidecars are compared
-    job : of which a sentence speaks
+    job : named in the error
     reserved : paths that no output may have, and what they are
 
     """

@@ -48,7 +48,7 @@ ROOMS = ('core', 'files', 'messages', 'parameters', 'pipeline', 'recordings')
 
 
 class FileMark(NamedTuple):
-    """The fingerprint of one file: bytes, SHA-256, and the state that spares reading it again.
+    """The fingerprint of one file: bytes, SHA-256, and a state to detect changes cheaply.
 
     ``state`` is the time of modification on a file system, the ETag on a store.
     """
@@ -60,7 +60,7 @@ class FileMark(NamedTuple):
 
 @dataclass(frozen=True)
 class ArchiveRecord:
-    """The result for one recording or file; that of a failed one is not written.
+    """The result for one recording or file; failed ones are not written.
 
     Attributes
     ----------

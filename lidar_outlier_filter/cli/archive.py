@@ -44,16 +44,16 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         '--jobs',
         type=int,
         metavar='N',
-        help='number of recordings or files processed at once, one process for each; '
-        'default: all cores if there are 300 MB or more, else 1',
+        help='number of recordings or files processed at once; default: all cores, '
+        'but 1 for recordings of less than 300 MB in total',
     )
     add(
         '--scheduler',
         metavar='ADDRESS',
         help='address of a Dask cluster whose workers process whole recordings or files of a '
-        'folder, as tcp://host:8786; they must reach inputs and outputs by the same paths',
+        'folder, e.g. tcp://host:8786; inputs and outputs need the same paths there',
     )
-    add('--scheduler-file', metavar='FILE', help='scheduler file, in place of the address')
+    add('--scheduler-file', metavar='FILE', help='scheduler file, instead of ADDRESS')
 
 
 def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:

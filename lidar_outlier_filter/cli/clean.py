@@ -53,10 +53,10 @@ def add_clean(commands: Commands) -> None:
     """Add the command ``clean``."""
     parser = commands.add_parser(
         'clean',
-        help='filter clouds that are files',
+        help='filter files of points',
         description='Judge all points of a file together, and write a copy with every attribute '
         'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
-        'databases; reads E57, and writes PLY. Beside each copy goes a log, NAME.json. '
+        'databases; reads E57, and writes PLY. Each copy gets a log, NAME.json. '
         'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
         'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
         'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 some of the files '
@@ -91,7 +91,7 @@ def add_clean(commands: Commands) -> None:
     add(
         '--unit',
         choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
-        help='unit of the coordinates; default: that of the LAS or LAZ header, metres elsewhere',
+        help='unit of the coordinates; default: from the LAS or LAZ header, else metres',
     )
     add('--table', metavar='NAME', help='table of a database; default: the only one')
     add_chain_option(parser)
@@ -118,7 +118,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     add(
         '--dry-run',
         action='store_true',
-        help='write nothing; print what would be rejected, by detector, class and cause, and the '
+        help='write no cloud; print rejected points by detector, class and cause, and the '
         'largest groups',
     )
     add(
@@ -144,8 +144,8 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         '--mark',
         choices=('class', 'noise', 'withheld'),
         default='class',
-        help='how rejected points of LAS are marked: class (default): 7; noise: 7 or 18, as they '
-        'are below or above the kept points around; withheld: the withheld flag',
+        help='how rejected points of LAS are marked: class (default): 7; noise: 7 below, 18 '
+        'above the kept points around; withheld: the withheld flag',
     )
     add(
         '--scores',

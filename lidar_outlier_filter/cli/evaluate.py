@@ -56,7 +56,7 @@ def add_evaluate(commands: Commands) -> None:
         '--verdict',
         default='',
         metavar='NAME',
-        help='column of a file that is not 0 where rejected (classification: 7 or 18); default: '
+        help='column that is nonzero for rejected points (classification: 7 or 18); default: '
         'outlier, else the score, else classification',
     )
     parser.add_argument(

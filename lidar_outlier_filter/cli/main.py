@@ -158,7 +158,7 @@ def _hint(options: argparse.Namespace) -> str:
 
 
 def _kind(path: Path) -> tuple[str, Sequence[str], str, Path | None]:
-    """Return what a path is, which commands take it, which filters it, and what is in it first."""
+    """Return the kind of a path, its commands, its filter command, and its first entry."""
     # Help is instant.
     from lidar_outlier_filter.archive.locations import is_recording  # noqa: PLC0415
     from lidar_outlier_filter.files.cloud_file import SUFFIXES as READABLE  # noqa: PLC0415

@@ -53,8 +53,8 @@ def add_replay(commands: Commands) -> None:
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
         'TOPIC/outliers. For a folder of recordings, or a pattern, each recording gets an output '
-        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused, '
-        'nothing is written, also if every cloud was refused; 3 written, but clouds or recordings '
+        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused '
+        '(or every cloud was), nothing is written; 3 written, but clouds or recordings '
         'were refused and have no output, no point of a topic could be tested, or part of a '
         'damaged recording is lost. Recordings without clouds are not counted.',
         epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
@@ -171,8 +171,8 @@ def add_mask(commands: Commands) -> None:
     parser = commands.add_parser(
         'mask',
         help='learn the returns of the own vehicle from a drive',
-        description='Write a file for the parameter mask: the directions and ranges of returns '
-        'that stay the same while the vehicle moves. Draw a picture beside it. Exit status: 0 all '
+        description='Write a file for --set mask=FILE: directions and ranges of returns that '
+        'stay the same while the vehicle moves. Draw a picture beside it. Exit status: 0 all '
         'done; 1 refused, for example because the vehicle stands still.',
         epilog='examples:\n  lidar-outlier-filter mask drive --output car.csv\n'
         '  lidar-outlier-filter mask drive --output car.csv --reach 15',

@@ -110,8 +110,8 @@ def table_of_all(
 ) -> Table:
     """Make the table, a row for each recording or file.
 
-    That of recordings fits into 80 columns; that of files has a column for the state. Of very many
-    only some are shown, failed and incomplete ones first; the page has all.
+    For recordings it fits into 80 columns; for files it has a column for the state. At most
+    ``MAX_ROWS`` are shown, failed and incomplete ones first; the page has all.
     """
     from rich import box
 

@@ -44,7 +44,7 @@ def add_tune(commands: Commands) -> None:
     parser = commands.add_parser(
         'tune',
         help='optimise parameters on labelled or injected outliers',
-        description='Search windows, neighbours and thresholds of the detectors of the chain, '
+        description='Tune window, neighbour and threshold parameters of the chain, '
         'write a parameter file, and print its expected recall and loss, by cross-validation on '
         'stretches of the recording that are held out. The truth is a field of the clouds, files '
         'beside them, or outliers that are injected into a clean recording.',
@@ -56,7 +56,7 @@ def add_tune(commands: Commands) -> None:
         type=Path,
         nargs='+',
         metavar='DATA',
-        help='recordings or files of points; of several, whole ones are held out, which is the '
+        help='recordings or files of points; with several, whole ones are held out, for a '
         'better estimate',
     )
     add_truth(parser)
@@ -103,7 +103,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME',
-        help='a parameter that is not searched; may be repeated',
+        help='a parameter not to change; may be repeated',
     )
     parser.add_argument(
         '--most-lost',

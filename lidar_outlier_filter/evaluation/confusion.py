@@ -190,8 +190,8 @@ def f1(counts: Ints) -> Floats:
 def f1_interval(counts: Ints, seed: int = 1) -> Interval:
     """Say how far the F1 would vary between recordings like this one.
 
-    Percentile bootstrap: as many stretches as there are, drawn with replacement 2000 times; what
-    lies together in a recording stays together, as clouds of outliers do. Draws without any F1 are
+    Percentile bootstrap: all stretches, resampled with replacement 2000 times; points that lie
+    together in a recording, such as a plume, stay together. Draws without any F1 are
     left out.
 
     Parameters
@@ -217,7 +217,7 @@ def f1_interval(counts: Ints, seed: int = 1) -> Interval:
 
 @dataclass(frozen=True)
 class Curve:
-    """Cumulative counts at every threshold that says points apart, from the strictest on.
+    """Cumulative counts at every threshold that separates points, strictest first.
 
     Attributes
     ----------
@@ -235,19 +235,19 @@ class Curve:
 
     @property
     def recall(self) -> Floats:
-        """Of the outliers those rejected (M,): true positive rate."""
+        """Share of the outliers rejected (M,): true positive rate."""
         share: Floats = self.found / self.found[-1]
         return share
 
     @property
     def false_rejections(self) -> Floats:
-        """Of the good points those rejected (M,): false positive rate."""
+        """Share of good points rejected (M,): false positive rate."""
         share: Floats = self.lost / self.lost[-1]
         return share
 
     @property
     def precision(self) -> Floats:
-        """Of the rejected points those that are outliers (M,); 1 where none is rejected."""
+        """Share of outliers among rejected points (M,); 1 if no point is rejected."""
         rejected = self.found + self.lost
         return np.divide(self.found, rejected, out=np.ones_like(rejected), where=rejected > 0)
 
@@ -268,10 +268,10 @@ class Curve:
         return float(np.sum(np.diff(self.recall) * self.precision[1:]))
 
     def thinned(self, most: int = MAX_CURVE_POINTS) -> Curve:
-        """Keep at most so many points, the first and the last among them, evenly along the curve.
+        """Keep at most ``most`` points, the first and last included, evenly along the curve.
 
-        Evenly in recall, in false rejections and in the logarithm of those, one third each, so that
-        no scale of a picture shows where points are missing.
+        One third each is even in recall, in false rejections and in log false rejections, so that
+        plots on any scale look complete.
         """
         if len(self.threshold) <= most:
             return self

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points of which the truth and the verdict are both known: from the output of a run, or files.
+"""Points with known truth and verdict, from the output of a run, or from files.
 
-Missing returns (NaN, Inf, 0 0 0), and what stands in an organised cloud for a point that was
-rejected, are no points: they are left out.
+Missing returns (NaN, Inf, 0 0 0), and the placeholders of rejected points in organised clouds,
+are left out.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ def read_clouds(
 
     Parameters
     ----------
-    clouds : messages, and whether their points are rejected; None: an input, read if there are
-        label files
+    clouds : (rejected, message) pairs; rejected is None for an input, read only with label
+        files
     labels : of the topic that was filtered
     codes : what its labels mean
 

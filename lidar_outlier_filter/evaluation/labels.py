@@ -90,10 +90,10 @@ def is_recording(path: Path) -> bool:
 
 
 def by_number(folder: Path) -> list[Path]:
-    """List the files of a folder by the one number in which their names differ: that of the cloud.
+    """List the files of a folder by cloud number, the one number in which their names differ.
 
-    Seconds of ten digits and nanoseconds of nine, with a dot or _ between, are one number. What
-    begins with a dot is passed over.
+    Seconds of ten digits and nanoseconds of nine, with a dot or _ between, are one number. Hidden
+    files are skipped.
     """
     paths = [one for one in folder.iterdir() if not (one.is_dir() or one.name.startswith('.'))]
     if not paths:

@@ -305,7 +305,7 @@ def _versions() -> dict[str, str]:
 def _allocator(output: Path, tile: float) -> Allocate:
     """Return the allocator of large arrays: in memory or, for --tile, in files beside the output.
 
-    The files have no name: the disk has room again as soon as an array is no longer used.
+    The files have no name: disk space is freed as soon as an array is no longer used.
     """
     if not 0 <= tile < np.inf:
         raise ParameterError('--tile', 'at least 0 and finite', tile)

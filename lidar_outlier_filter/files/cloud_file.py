@@ -88,9 +88,9 @@ class CloudFile(Protocol):
     ----------
     columns : the columns with one number per point, and their types, in file order
     classes : whether points have a classification
-    gaps : whether a point that is left out of a copy becomes a missing return, as its grid stays
-        whole; no columns can be added then
-    whole : why no point can be left out of a copy; empty: any can
+    gaps : whether points left out of a copy become missing returns, to keep the grid; columns
+        cannot be added then
+    whole : why points cannot be left out of a copy; empty if they can
 
     """
 

@@ -52,8 +52,8 @@ class CleanOptions:
     table : the table of a database; None: the only one
     tile : 0: the cloud is judged in memory; else in files, and by ``quadric`` in square tiles of
         this side, metres
-    mark : 'class': rejected LAS points become class 7; 'noise': 7 or 18, as they are lower or
-        higher than the kept points around; 'withheld': they get this flag
+    mark : 'class': rejected LAS points become class 7; 'noise': 7 below, 18
+        above the kept points around; 'withheld': they get this flag
     strips : whether the points of each ``point_source_id`` are judged separately
     only, keep : LAS classes; points of classes other than ``only``, and of ``keep``, stay as they
         are
@@ -131,7 +131,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     ----------
     file, options, parameters : the file, and how to judge it
     allocate : returns an array of a shape, in memory or in a file
-    progress : called with how many of how many points are done, and the step
+    progress : called with the points done, all points, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
 
     """
@@ -190,7 +190,7 @@ def _judge_strips(loaded: Loaded, judge: Callable[[Points], Verdict]) -> Verdict
 def _count_low(file: CloudFile, loaded: Loaded, kept: Bools, threads: int) -> int:
     """Count the kept points that look like low points, unless it is a scan from the ground.
 
-    A scan from the ground, with lines and without classes, has its lowest points where it sees far.
+    A scan from the ground (scan lines, no classes) has real low points at long range.
     """
     cloud = loaded.points
     if cloud.ring is not None or (loaded.lines and not file.classes):

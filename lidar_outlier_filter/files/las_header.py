@@ -97,9 +97,9 @@ def _evlr_count(header: bytes) -> int:
 
 
 def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
-    """Refuse scales and offsets whose coordinates are not finite, or all the same.
+    """Refuse scales and offsets that give infinite or all equal coordinates.
 
-    For laspy, NaN differs from NaN: it would write other integers.
+    For laspy a NaN scale is always new: it would write other integers.
     """
     for axis, *pair in zip('xyz', scales, offsets, strict=True):
         scale, offset = map(float, pair)

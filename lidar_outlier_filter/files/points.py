@@ -60,7 +60,7 @@ class Loaded:
     lines : str
         How scan lines were found; empty where the file has none.
     lack : str
-        What the file lacks to have scan lines; empty where they were not asked for.
+        Why the file has no scan lines; empty if they were not requested.
     more : columns by name
         Further requested columns.
 
@@ -296,16 +296,16 @@ def find_lines(t: Ints, columns: Columns, angle: str = '') -> tuple[Ints | None,
     columns : (N,) each, by name
         Those of :data:`LAS_COLUMNS` that exist, and the one that ``angle`` names.
     angle : str
-        The column with the scan angle in any unit; it decides alone. Empty: if any point is at an
-        edge of the flight line, a line ends behind those; else, if the mirror turns, where the scan
-        direction changes; else where the angle of a source steps by more than half of its span, or,
-        if it mostly steps one way, back by more than a twelfth of it.
+        Column with the scan angle, any unit. If empty, the first of these that occurs ends lines:
+        a point marked as edge of the flight line; a change of the scan direction flag; a step
+        of a source's angle by more than half of its span or, if the angle mostly steps one way,
+        a step back by more than a twelfth of its span.
 
     Returns
     -------
     line : (N,) int64 or None
-        Numbers of the lines; first, second and later returns have lines of their own. None where no
-        column says them.
+        Numbers of the lines; first, second and later returns have separate lines. None if no column
+        ends lines.
     found_by : str
         The column whose changes end the lines.
 

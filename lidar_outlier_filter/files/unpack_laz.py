@@ -23,11 +23,11 @@ LAYERED = 3  # compressor
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Compare the count with the chunks, then write the points as in a LAS file.
+    """Check the point count by the chunks, then write the points as in a LAS file.
 
-    The arguments are the folder of the library, the file, the record of LASzip in hexadecimals; the
-    offset of the points, what to unpack, the size and the count of points, and how many to unpack
-    at once; 0: none. The last line on stderr says what is wrong.
+    Arguments: folder of the library, file, LASzip record (hex), offset of the points, selection
+    of fields, size of a point, count, and points per write (0: only check). The last line on
+    stderr is the error.
     """
     library, path, record, *numbers = arguments
     begin, selection, size, count, rows = map(int, numbers)

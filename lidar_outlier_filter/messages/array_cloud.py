@@ -65,14 +65,14 @@ class ArrayCloud:
 
 
 def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
-    """Give a cloud the attributes of a PointCloud2, if it has not got them.
+    """Give a cloud the attributes of a PointCloud2, unless it has them.
 
     Parameters
     ----------
     cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
         An array is not copied where its points lie together in memory.
     stamp : int, optional
-        Time that the times of an array count from, nanoseconds. A PointCloud2 has its own.
+        Reference of an array's relative times, nanoseconds. A PointCloud2 has its own.
 
     Raises
     ------

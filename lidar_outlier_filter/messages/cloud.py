@@ -173,9 +173,9 @@ def plain_rows(msg: Any) -> Rows:
 
 
 def first_numbers(detectors: NDArray[np.uint16]) -> Bytes:
-    """Find the first detector in each sum of bits: 1 for bit 1, 2 for 2, 3 for 4; 0 for none.
+    """Return the number of the lowest detector bit: 1 for bit 1, 2 for 2, 3 for 4; 0: no bit.
 
-    15 is the own vehicle.
+    15: the own vehicle.
 
     Viewers space colours evenly over numbers: sums of bits would give similar colours.
     """

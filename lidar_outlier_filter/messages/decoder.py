@@ -139,7 +139,7 @@ class Decoder:
         return masked(points, self._mask, self.parameters)
 
     def view(self, msg: Any) -> Rows | None:
-        """View the points of a cloud as it is; None where it has none.
+        """Return a view of a cloud's points; None if it has no points.
 
         Raises
         ------

@@ -79,7 +79,7 @@ class HealthLimits:
     )
     unfiltered_warn: float = declare(
         0.0,
-        'Share of the clouds that were refused, lost on the way, dropped, too many to filter, or '
+        'Share of the clouds that were refused, lost in transit, dropped, too many to filter, or '
         'judged without poses.',
         '',
         0.0,

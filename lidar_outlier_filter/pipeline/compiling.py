@@ -190,7 +190,7 @@ class Processes:
             if process.returncode == 0 or self.is_stopped:
                 return ''
         last = said.strip().rpartition('\n')[2] or f'exit status {process.returncode}'
-        return f'{share.text} could not be compiled beside: {last}'
+        return f'{share.text} could not be compiled: {last}'
 
 
 def _samples(sensor: str) -> Iterator[Points]:

@@ -193,7 +193,7 @@ def _read(
         return _points(cloud, columns, parameters)
     for name, values in columns.items():
         if values is not None:
-            raise CloudError(name, 'a field of a cloud that has fields', 'an array beside it')
+            raise CloudError(name, 'a field of the cloud', 'a separate array')
     decoder = Decoder(parameters)
     # What times count from does not matter within one cloud.
     points = decoder.decode(as_message(cloud, 0 if is_array else None))
@@ -211,8 +211,8 @@ def _points(
     for name in FIELDS:
         value = parameters.value(name)
         if value not in {'', 'auto'}:
-            must_be = 'given for clouds with fields only'
-            raise ParameterError(name, must_be, f'{value!r} for an array without')
+            must_be = 'unset for an array without fields'
+            raise ParameterError(name, must_be, repr(value))
     given = _numbers('xyz', xyz, 'iuf')
     if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', given.shape)
@@ -223,7 +223,7 @@ def _points(
     )
     mask = mask_of(parameters)
     if mask is not None and line is None:
-        raise CloudError('line', 'given, the ring of each point, where there is a mask', 'none')
+        raise CloudError('line', 'the ring of each point if mask is set', 'none')
     valid, none = is_return(xyz), np.zeros(count, np.int64)
     unit = 's' if t is not None and t.dtype.kind == 'f' else 'ns'
     points = Points(
@@ -257,7 +257,7 @@ def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
         raise CloudError(name, must_be, 'rows of different lengths') from err
     # An empty list is one of floats for numpy.
     if array.dtype.kind not in kinds and array.size:
-        raise CloudError(name, must_be, f'one of {array.dtype}')
+        raise CloudError(name, must_be, f'{array.dtype}')
     return array
 
 
@@ -286,7 +286,7 @@ def gather(parameters: object, chain: str | Sequence[str] | None = None) -> Filt
     values = dict(parameters or {})
     if chain is not None:
         if 'chain' in values:
-            raise ParameterError('chain', 'given once', 'another one among the parameters')
+            raise ParameterError('chain', 'given once', 'chain= and parameters')
         values['chain'] = chain
     plain = {
         name: value.item() if isinstance(value, np.generic) else value

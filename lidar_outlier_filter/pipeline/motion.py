@@ -88,8 +88,8 @@ class Odometry:
 class PoseQueue(Generic[AnyCloud]):
     """Clouds that wait for their poses, in order.
 
-    A cloud waits, and all clouds behind it, until its last pose is known, or until points have
-    come that are later by more than ``max_delay``. Points without pose keep the sensor's frame and
+    A cloud and all clouds behind it wait until its last pose is known, or until points arrive
+    that are more than ``max_delay`` later. Points without pose keep the sensor's frame and
     are judged apart from moved ones.
 
     Attributes
@@ -139,7 +139,7 @@ class PoseQueue(Generic[AnyCloud]):
     def release(self) -> AnyCloud:
         """Release the oldest cloud, moved by the poses that are known.
 
-        Its ``frame`` becomes empty for the fixed frame, and starts with ``own:`` otherwise.
+        With a pose source, ``frame`` becomes '' if all points are moved, else ``own: …``.
         """
         cloud = self.clouds.popleft()
         self.points -= cloud.count

@@ -264,7 +264,7 @@ class Pipeline:
         before, after = self._parameters.flat(), parameters.flat()
         for parameter in describe():
             if parameter.fixed and before[parameter.name] != after[parameter.name]:
-                must_be = f'{before[parameter.name]!r} as at the start'
+                must_be = f'{before[parameter.name]!r} (read-only)'
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
         try:

@@ -48,9 +48,9 @@ class Statistics:
     poses : poses refused, by reason
     without_pose : clouds with points that were judged in their own frame, without poses
     resets : times the clock was set back
-    passes : most repetitions without the rejected points that a block has needed
+    passes : maximum repetitions of a block, each without rejected points
     failures : blocks that a detector raised an error in
-    methods : blocks by how the default judged them
+    methods : blocks by method of the default
 
     """
 

@@ -28,12 +28,12 @@ def resolve(name: str) -> str:
 
 
 def check_name(what: str, name: str) -> None:
-    """Refuse the name of a topic that ROS 2 does not allow.
+    """Refuse a topic name that is invalid in ROS 2.
 
     Raises
     ------
     RecordingError
-        If it does not. ``what`` names the topic in the sentence.
+        If it is invalid. ``what`` is the subject of the message.
 
     """
     if not _NAME.fullmatch(name) or '__' in name:

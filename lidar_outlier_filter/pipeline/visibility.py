@@ -150,7 +150,7 @@ class SensorWatch:
         return view
 
     def _no_return(self, now: Floats) -> Floats:
-        """Return the share of the returns that is missing, by sector, of rings that always have."""
+        """Return the missing share of the usual returns, by sector, over rings that are steady."""
         known = (self._samples >= MIN_SAMPLES) & (self._usual >= MIN_RETURNS)
         steady = known & (self._change <= STEADY * self._usual)
         usual = np.where(steady, self._usual, 0.0).sum(axis=0)
@@ -180,7 +180,7 @@ class SensorWatch:
         return float(CONTRAST * far / np.log(clearly / far)) if far < clearly else math.inf
 
     def _learn(self, now: Floats, steps: Floats) -> None:
-        """Let what is usual follow."""
+        """Update the usual counts."""
         weight = 1 / min(self._samples + 1, MEMORY)
         self._samples += 1
         if self._samples > 1:
@@ -190,7 +190,7 @@ class SensorWatch:
 
 
 class _ViewTally(NamedTuple):
-    """What was counted: points and rejected ones by sector and band, others by ring and range."""
+    """Counts by sector: points and rejected ones by band; kept ones by ring and by range."""
 
     points: Ints
     rejected: Ints
@@ -251,7 +251,7 @@ def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _ViewTally) -> None:
 
 
 def _usual_share(no_return: Floats) -> float:
-    """Return what most sectors miss: fog takes from all of them, dirt from some."""
+    """Return the median missing share: fog affects all sectors, dirt a few."""
     known = no_return[~np.isnan(no_return)]
     return float(np.median(known)) if len(known) else 0.0
 

@@ -53,7 +53,7 @@ _SEPARATOR = '=' * 80 + '\n'
 
 @dataclass(frozen=True, eq=False)  # looked up for every message: by identity, which is fast
 class Topic:
-    """One topic of a recording: everything that is kept of it but its messages.
+    """One topic of a recording, without its messages.
 
     ``definition`` is the text of the message type with all it contains, ``digest`` its RIHS01
     hash; both are empty where they are unknown. ``qos`` holds the offered profiles.
@@ -120,7 +120,7 @@ def _ros2_definition(connection: Connection) -> tuple[str, str]:
 
 @lru_cache(TYPES)
 def _digest(kind: MessageDefinitionFormat, text: str, msgtype: str) -> str:
-    """Compute the hash that a file did not keep; empty for a definition that cannot be parsed.
+    """Compute a type hash missing in the file; empty if the definition cannot be parsed.
 
     The recordings of an archive share their types, and parsing one takes 10 ms.
     """

@@ -87,9 +87,9 @@ class CloudInfo:
         ``NAME TYPE``, height and width, and the bytes of a point
     found : sentences on how the clouds are read
     geometry : of the first cloud with points
-    report, seconds : counts of the sample under the defaults, and the duration
+    report, seconds : counts of the sample with defaults, and time to filter it
     stamps : the header stamps of all clouds
-    behind : bag time of the first cloud less its stamp, s
+    behind : bag time minus stamp of the first cloud, s
 
     """
 
@@ -133,7 +133,7 @@ def describe_recording(
     ----------
     path : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
     sample : seconds of bag time that are judged by the defaults
-    progress : is called after each message: how many of how many have been read
+    progress : called after each message with the number read and the total
 
     """
     with Recording(path) as source:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording on a store such as S3, as a path: its bytes are read by ranges, none twice in a row.
+"""A recording on a store such as S3, as a path: bytes are read by ranges; the last are cached.
 
 It has the methods of a path that rosbags and this package call, for any file system of fsspec.
 The file system is given: this module imports none.

@@ -50,13 +50,13 @@ _Item = tuple['Topic', int, bytes | None]
 
 @dataclass
 class Losses:
-    """Losses of a recording: lower limits.
+    """Minimum losses of a recording.
 
     Attributes
     ----------
     messages : as far as they can be counted
-    chunks : of messages that cannot be unpacked, or whose checksum is wrong
-    reasons : a clause for each loss, of the first ``MAX_REASONS``
+    chunks : chunks that cannot be unpacked, or have a wrong checksum
+    reasons : texts of the first ``MAX_REASONS`` losses
     more : losses beyond these
     expected : messages by the statistics and indexes of the files
 

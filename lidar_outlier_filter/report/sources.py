@@ -208,7 +208,7 @@ class FileSource:
         path : of any format that ``clean`` reads
         parameters : of the filter
         truth : a file with labels, and the name of their column; empty: the usual one
-        named : whether a user named it; otherwise there may be none
+        named : whether labels were named; if not, they are optional
 
         """
         self.name = path.name

@@ -90,9 +90,9 @@ class Inbox:
             self._changed.notify()
 
     def close(self, last: Iterable[Received] = (), *, discard: bool = False) -> None:
-        """Close: ``take`` returns the rest and the ``last`` clouds without a limit, then nothing.
+        """Close: ``take`` returns the pending and the ``last`` clouds, without limit, then None.
 
-        All under one lock: the other thread does not poll between the clouds and the end.
+        One lock covers all, so ``take`` cannot run between adding and closing.
         """
         with self._changed:
             for item in last:

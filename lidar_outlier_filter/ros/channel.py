@@ -150,16 +150,16 @@ class Channel:
         if not self.worker.enabled:
             remarks.append('disabled: clouds pass unfiltered')
         if self.worker.treatment is not Treatment.FILTER:
-            remarks.append(f'too much to filter: clouds are {self.worker.treatment.value}')
+            remarks.append(f'overload: clouds are {self.worker.treatment.value}')
         name = self.publisher.cleaned.topic_name
         if (count := self._node.count_publishers(name)) > 1:
             remarks.append(f'{count} publishers on {name}: another node has the same outputs')
         if self._clock.has_stopped:
-            remarks.append('use_sim_time is set and nobody publishes /clock')
+            remarks.append('use_sim_time is set but /clock is not published')
         return remarks
 
     def _warn_of_losses(self, seconds: float) -> None:
-        """Warn of what was not filtered as asked, where it is time to: seconds since last asked."""
+        """Warn of lost or unfiltered clouds if due; ``seconds`` is the time since the last call."""
         policy = self._parameters.load.policy
         if warning := self.health.loss_warning(policy, seconds):
             self._log_warning(warning)

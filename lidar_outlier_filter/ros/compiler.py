@@ -42,7 +42,7 @@ class Compiler:
         warn: Callable[[str], object],
         between_clouds: Callable[[Callable[[], None]], object],
     ) -> None:
-        """Call ``ready`` with parameters whose kernels are; two others with sentences."""
+        """Pass parameters with loaded kernels to ``ready``; text to the next two."""
         self.compiling = ''
         self._ready, self._inform, self._warn = ready, inform, warn
         self._between_clouds = between_clouds
@@ -54,17 +54,17 @@ class Compiler:
 
     @property
     def reply(self) -> str:
-        """Say what filters until new parameters are in force; empty if they are, or none are."""
+        """Say which chain filters until the new one is ready; empty if no change is pending."""
         requested, now = self._requested, self._now
         if requested is None or now is None:
             return ''
         return (
-            f'{", ".join(requested.chain)} takes over when its kernels are ready; '
-            f'{", ".join(now.chain)} filters until then'
+            f'chain {", ".join(requested.chain)} starts when its kernels are ready; '
+            f'until then: {", ".join(now.chain)}'
         )
 
     def request(self, parameters: FilterParameters) -> None:
-        """Call ``ready`` with these when their kernels are; at once, if they are now."""
+        """Pass these to ``ready`` once their kernels are loaded; at once if they are."""
         with self._lock:
             before, self._requested = self._requested, parameters
             if is_ready(parameters):
@@ -88,7 +88,7 @@ class Compiler:
             self._thread.join()
 
     def _work(self, parameters: FilterParameters, processes: Processes) -> None:
-        """Make kernels ready; whoever has them takes over, if the work was not cancelled."""
+        """Make kernels ready; then apply the last requested parameters, if not cancelled."""
         try:
             if not load(parameters):
                 self._compile(parameters, processes)
@@ -101,7 +101,7 @@ class Compiler:
             self._replace_portable(parameters, processes)
 
     def _replace_portable(self, parameters: FilterParameters, before: Processes) -> None:
-        """Compile beside the filter for this very processor; that takes over between two clouds."""
+        """Compile for this processor in the background; switch kernels between two clouds."""
         with self._lock:
             if before.is_stopped:
                 return
@@ -116,7 +116,7 @@ class Compiler:
 
         def take_over() -> None:
             replace()
-            self._inform(f'kernels for this processor, compiled beside for {took:.0f} s, take over')
+            self._inform(f'now using kernels for this processor, compiled in {took:.0f} s')
 
         self._between_clouds(take_over)
 
@@ -129,7 +129,7 @@ class Compiler:
     def _compile(self, requested: FilterParameters, processes: Processes) -> None:
         until = 'clouds pass unfiltered until then'
         if self._now is not None:
-            until = f'until then {", ".join(self._now.chain)} filters'
+            until = f'{", ".join(self._now.chain)} filters meanwhile'
         sentence = f'compiling {", ".join(requested.chain)}; {until}'
         begin = monotonic()
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The clouds of one topic as the middleware has them: publishers, and serialised clouds.
+"""Publishers of one topic's clouds, and reading of serialised clouds.
 
-rclpy copies the points of a cloud three times
-while it holds the GIL. So rclpy reads all but the points, which are viewed in the received bytes.
+rclpy copies the points of a cloud three times while it
+holds the GIL. So rclpy reads only the other fields; the points are a view of the received bytes.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class SplitCloudPublisher:
     def requested(self) -> tuple[bool, bool]:
         """Whether cleaned and outlier clouds have subscribers.
 
-        Read it for each cloud: an event of the first subscriber would come after its first cloud.
+        Read it for each cloud: a subscription event would arrive after the first cloud.
         """
         cleaned, outliers = self.cleaned, self.outliers
         return bool(cleaned.get_subscription_count()), bool(outliers.get_subscription_count())
@@ -93,8 +93,8 @@ def _output_names(node: Node, topic: str) -> list[str]:
 def read_cloud(received: bytes) -> PointCloud2:
     """Read a serialised cloud; its ``data`` is a read-only memoryview of ``received``.
 
-    Such a cloud can be read and split, not published. One in another representation than plain CDR
-    is read by rclpy as a whole.
+    Such a cloud can be read and split, not published. A cloud that is not plain CDR is read by
+    rclpy as a whole.
 
     Raises
     ------

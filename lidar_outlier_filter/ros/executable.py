@@ -74,10 +74,10 @@ def split_namespaces(text: str, topics: Iterable[str]) -> list[str]:
     if len(names) > 1:
         full = {name.strip('/') for name in names}
         if '' in full or len(full) < len(names):
-            raise ParameterError('namespace', 'different names with commas between', repr(text))
+            raise ParameterError('namespace', 'different names, comma-separated', repr(text))
         for topic in topics:
             if topic.startswith('/'):
-                must_be = 'without a leading slash, because namespace names several'
+                must_be = 'without a leading slash for several namespaces'
                 raise ParameterError('input_topic', must_be, repr(topic))
     return names
 

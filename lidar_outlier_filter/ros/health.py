@@ -31,7 +31,7 @@ PROFILES = {
     'rmw_cyclonedds_cpp': 'config/cyclonedds_large_clouds.xml',
 }
 LOSS_PERIOD = 5.0  # seconds between two warnings
-LOST, DROPPED, UNFILTERED = 'lost on the way', 'dropped', 'passed unfiltered'
+LOST, DROPPED, UNFILTERED = 'lost in transit', 'dropped', 'passed unfiltered'
 DEGRADED, WITHOUT_POSE = 'filtered by the smoother alone', 'judged without poses'
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
@@ -53,7 +53,7 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Backlog:
-    """Clouds to be filtered, their megabytes, those without output; who publishes; the age."""
+    """Queue in clouds and MB, clouds pending in blocks, publishers of the input, age in s."""
 
     clouds: int
     megabytes: float
@@ -69,9 +69,9 @@ class Health:
         """Begin with nothing; the advice against losses is for this middleware."""
         profile = PROFILES.get(middleware)
         self._advice = (
-            f'for large clouds set {profile} for both sides'
+            f'for large clouds all nodes need {profile}'
             if profile
-            else f'doc/large_clouds.md says what helps with large clouds over {middleware}'
+            else f'see doc/large_clouds.md for large clouds over {middleware}'
         )
         self._lock = threading.Lock()
         self._tally = _Tally()
@@ -121,7 +121,7 @@ class Health:
             self._counts = counts
 
     def losses(self) -> Counter[str]:
-        """Count the clouds since the start that were not filtered as asked, by what happened."""
+        """Count the clouds since the start that were not filtered fully, by what happened."""
         with self._lock:
             counts = self._counts
             unfiltered = counts.bypassed['overload'] + counts.bypassed['failure']
@@ -147,7 +147,7 @@ class Health:
         counts = ', '.join(f'{count} {what}' for what, count in new.items())
         reason = '' if BY_POLICY.isdisjoint(new) else f' (load.policy is {policy})'
         advice = f'; {self._advice}' if LOST in new else ''
-        return f'clouds not filtered as asked since the last warning: {counts}{reason}{advice}'
+        return f'clouds not filtered fully since the last warning: {counts}{reason}{advice}'
 
     def sample(  # noqa: PLR0913  what others know
         self,
@@ -213,7 +213,7 @@ class _Sample:
     backlog: Backlog
     silent: float
     waits: float  # seconds that the longest wait for output has taken so far
-    advice: str  # where clouds are lost on the way
+    advice: str  # where clouds are lost in transit
 
     def since(self, name: str) -> int:
         """Return by how much a count has grown since the last sample."""
@@ -256,12 +256,12 @@ class _Sample:
                 yield ERROR if value > ERROR_LIMITS[name] else WARN, text
 
     def _unfiltered(self) -> tuple[float, str]:
-        """Return the share of clouds that were not filtered as asked, and a sentence on them."""
+        """Return the share of clouds that were not filtered fully, and a sentence on them."""
         missed = Counter({'refused': self.since('refused')}) + self.missed
         missed[UNFILTERED], missed[WITHOUT_POSE] = self.unfiltered, self.since('without_pose')
         received = self.tally.clouds + missed[LOST]
         counts = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
-        said = f'clouds not filtered as asked: {missed.total()} ({counts})'
+        said = f'clouds not filtered fully: {missed.total()} ({counts})'
         said += f'; received in the same time: {self.tally.clouds}'
         if missed[LOST]:
             said += f'; {self.advice}'

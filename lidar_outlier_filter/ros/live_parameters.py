@@ -37,15 +37,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.channel import Channel
 
 
-SAVED = '# Saved by ~/save_parameters, which replaces this file as long as this line is there.\n'
+SAVED = '# Saved by ~/save_parameters. It overwrites this file only while this line is here.\n'
 NODE_TIMEOUT = 10.0  # seconds until a change that the node has not begun is withdrawn
 
 
 class TunableNode(Node):  # type: ignore[misc]
     """A node with the parameters of :mod:`lidar_outlier_filter.parameters.filter`.
 
-    They are set one by one or together; what makes no sense is refused, and nothing is changed by
-    it.
+    They are set one by one or together; an invalid value is refused, and no parameter is
+    changed.
 
     Attributes
     ----------
@@ -79,14 +79,14 @@ class TunableNode(Node):  # type: ignore[misc]
         return [self.set_parameters_atomically([item]) for item in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
-        """Set all or none; refuse in our own words, before rclpy does in words without units.
+        """Set all or none; refuse here, since rclpy's own messages have no units.
 
         A read-only parameter may be given with the value that it has, as in a file of all
-        parameters. A number may be text, as ros2cli hands over '1e-06'.
+        parameters. A number may be text: ros2cli passes '1e-06' so.
         """
         for item in parameter_list:
             if not self.has_parameter(item.name):
-                must_be = 'one of those that `ros2 param list` names'
+                must_be = 'a name that `ros2 param list` prints'
                 got = shown(item.name) + did_you_mean([item.name], (one.name for one in describe()))
                 return _refusal(ParameterError('a parameter', must_be, got))
         given = [item for item in _as_declared(parameter_list) if not self._is_as_it_is(item)]
@@ -146,7 +146,7 @@ class TunableNode(Node):  # type: ignore[misc]
         now = self._parameters_now.flat()
         for name, value in values.items():
             if known[name].fixed:
-                must_be = f'{_to_ros(now[name])!r} as at the start (read-only)'
+                must_be = f'{_to_ros(now[name])!r} (read-only)'
                 raise ParameterError(name, must_be, repr(value))
         return self._parameters_now.changed(values)
 
@@ -168,7 +168,7 @@ class TunableNode(Node):  # type: ignore[misc]
         return response
 
     def _file(self) -> Path:
-        """Name the file of ``save_to``, or one for this node where ROS keeps its own; with ~."""
+        """Return ``save_to``, or a file named after this node in ROS_HOME; ~ not expanded."""
         if self._parameters_now.save_to:
             return Path(str(self._parameters_now.save_to))
         home = Path(os.environ.get('ROS_HOME') or '~/.ros')
@@ -183,7 +183,7 @@ class TunableNode(Node):  # type: ignore[misc]
         result = self.set_parameters_atomically(values)
         response.success, response.message = result.successful, result.reason
         if response.success:
-            response.message = 'as at the start again: ' + (', '.join(changed) or 'nothing to do')
+            response.message = 'reset to start values: ' + (', '.join(changed) or 'nothing to do')
         return response
 
 
@@ -222,9 +222,9 @@ class NodeAccess:
         ]
 
     def set(self, values: Mapping[str, str]) -> str:
-        """Set all parameters or none, as `ros2 param set` does; say why not, '' where they are.
+        """Set all parameters or none, as `ros2 param set` does; return the error, '' if none.
 
-        What the node has not begun in time is withdrawn: it does not come later.
+        A change that the node has not begun in time is cancelled.
         """
         reply: Future[str] = Future()
 
@@ -241,13 +241,13 @@ class NodeAccess:
 
         executor = self._node.executor
         if executor is None:
-            return 'the node must run, got one that starts or ends'
+            return 'the node is starting or shutting down'
         executor.create_task(apply)
         try:
             return reply.result(NODE_TIMEOUT)
         except TimeoutError:
             if reply.cancel():
-                return f'the node must reply within {NODE_TIMEOUT:g} s, got nothing'
+                return f'the node did not reply within {NODE_TIMEOUT:g} s'
             return reply.result()  # it has begun, and ends soon
 
 
@@ -258,7 +258,7 @@ def _write_whole(path: Path, text: str) -> None:
         is_plain = not path.is_symlink() and (path.is_file() or path.is_dir())
         begin = path.read_bytes()[: len(SAVED)] if is_plain else b''
         if begin != SAVED.encode():
-            must_be = 'a new one, or one that was saved here'
+            must_be = 'new, or saved by ~/save_parameters'
             raise ParameterError('the file', must_be, shown(str(path)))
     with replaced(path) as built:
         built.write_text(SAVED + text, encoding='utf-8')
@@ -292,7 +292,7 @@ def _as_declared(parameters: Iterable[RosParameter]) -> list[RosParameter]:
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Return ROS what there is to know of a parameter."""
+    """Describe a parameter for ROS."""
     descriptor = ParameterDescriptor(
         description=parameter.text + (f' [{parameter.unit}]' if parameter.unit else ''),
         additional_constraints=parameter.range_text,

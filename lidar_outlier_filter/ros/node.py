@@ -183,7 +183,7 @@ class OutlierFilterNode(TunableNode):
         super().destroy_node()
 
     def _names(self) -> tuple[str, ...]:
-        """Return the topics of the sensors, if they are."""
+        """Return the topics of the sensors, checked."""
         names = self.filter_parameters.inputs
         for name in names:
             _refuse_topic('a topic of inputs', name)
@@ -193,7 +193,7 @@ class OutlierFilterNode(TunableNode):
         return names
 
     def apply(self, parameters: FilterParameters) -> str:
-        """Filter by these from the next block on, or when their kernels are ready; say which."""
+        """Apply parameters from the next block, or once compiled; return a sentence if later."""
         if self._is_started:
             self._compiler.request(parameters)
         else:
@@ -257,7 +257,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     def start(self) -> None:
         """Offer the services, and wait for a manager."""
         self.serve()
-        self.get_logger().info('managed: waits to be configured and activated')
+        self.get_logger().info('managed node: waiting to be configured')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create the publishers from the current parameters."""
@@ -308,7 +308,7 @@ def run(
 ) -> int:
     """Make a node and run it, as :func:`lidar_outlier_filter.ros.executable.main` says.
 
-    ``on_stop`` is called with the function that the first signal is to call.
+    ``on_stop`` gets the function to call on the first signal.
     """
     stop = threading.Event()
     try:

@@ -33,9 +33,9 @@ SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
 
 
 class Worker:
-    """Takes clouds from its inbox, filters, passes or drops them by load, and publishes in order.
+    """Filters, passes or drops the clouds of its inbox, by load policy, and publishes in order.
 
-    Without a thread, before ``start``, commands are done at once.
+    Before ``start`` there is no thread, and commands run at once.
     """
 
     def __init__(
@@ -295,7 +295,7 @@ class DelayClock:
 
     @property
     def has_stopped(self) -> bool:
-        """Whether time comes from ``/clock``, and nobody says it any more, or yet."""
+        """Whether time comes from ``/clock``, and ``/clock`` has no publisher."""
         return self.is_simulated and self._node.count_publishers('/clock') == 0
 
     def now(self) -> int:
@@ -317,9 +317,9 @@ class DelayClock:
         went_back: Callable[[], object],
         changed: Callable[[], object],
     ) -> None:
-        """Call back when simulated time goes on, goes back, or is another than before.
+        """Call back when simulated time advances, jumps back, or switches on or off.
 
-        It is another when ``use_sim_time`` is set, and when ``/clock`` says it for the first time.
+        It switches with ``use_sim_time``, and on with the first message on ``/clock``.
         """
 
         def jumped(jump: TimeJump) -> None:

@@ -68,8 +68,8 @@ def inject(
 ) -> tuple[list[Points], Ints]:
     """Move some points of clouds, all of them valid, to empty space.
 
-    ``eyes`` (N, 4, 3) says of clouds that were moved where the sensor was, and what lay 1 m off on
-    each of its axes.
+    ``eyes`` (N, 4, 3): for each point of a moved cloud, the sensor's position, and the positions
+    1 m along its axes.
 
     Returns
     -------

@@ -4,7 +4,7 @@
 
 Every detector is scored alone, once for each of its settings; thresholds are swept over these
 scores, and verdicts are combined as the chain combines them. The chain itself then decides: each
-threshold is swept again beside the other detectors, and kept if the chain gets better. The expected
+threshold is swept again with the others fixed, and kept if the chain improves. The expected
 F1 is measured on stretches that a search has not seen: the search is repeated without each fold.
 """
 
@@ -70,7 +70,7 @@ def sweep(  # noqa: PLR0913  what a threshold depends on
     others: NDArray[np.unsignedinteger],
     needed: int,
 ) -> Ints:
-    """Tally what each value of a threshold gives, and last, what the detector gives when off.
+    """Tally the verdicts at each value of a threshold, and last, with the detector off.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     data : points whose truth is known
     parameters : the chain, and all that is not searched; also where the search begins
     most_lost : share of the good points that may be rejected; beyond it, the fewer the better
-    folds : parts, each in one piece, that are left out in turn: of the recording; or, of several
+    folds : number of folds, held out in turn: contiguous parts of the recording, or, of several
         recordings, whole ones
     requested : values to try, by parameter, instead of or beside those of the table
     kept : parameters to leave as they are
@@ -167,8 +167,8 @@ def tune(  # noqa: PLR0913  what the command line offers
 def fold_of_each(data: Training, folds: int) -> Ints:
     """Return the fold of every stretch (S,).
 
-    Of several recordings each is wholly in one: another drive differs more from this one than its
-    own stretches do from each other.
+    Several recordings are never cut across folds: drives differ more from each other than
+    stretches of one drive do.
     """
     sources = int(data.sources[-1]) + 1
     count, what = (data.stretches, 'stretches') if sources == 1 else (sources, 'recordings')

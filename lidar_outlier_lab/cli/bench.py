@@ -20,8 +20,8 @@ def add_bench(commands: Commands) -> None:
     parser = commands.add_parser(
         'bench',
         help='measure the speed of this machine',
-        description='Time detectors, all steps of a cloud through the filter, and the peers that '
-        'are installed on the same points, on one core and on two.',
+        description='Time detectors, all filter steps of a cloud, and other installed programs, '
+        'on the same points, with one core and with two.',
         epilog='examples:\n  lidar-outlier-filter bench\n'
         '  lidar-outlier-filter bench --write doc/results/speed.md',
     )

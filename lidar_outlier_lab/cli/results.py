@@ -44,8 +44,8 @@ def add_results(commands: Commands) -> None:
         'results',
         help='compare all detectors with the papers and with other programs, and write tables',
         description='Simulate all presets, judge them with every detector, some chains and the '
-        'peers that are installed, and put tables and pictures between markers into a page, '
-        'whose other text is kept. It takes half an hour on two cores, and another for the '
+        'installed peers, and write tables and pictures between markers of a page; its other '
+        'text is kept. It takes half an hour on two cores, and half an hour more for the '
         'papers.',
         epilog='examples:\n  lidar-outlier-filter results --quick\n'
         '  lidar-outlier-filter results --sections papers',
@@ -61,15 +61,15 @@ def add_results(commands: Commands) -> None:
         nargs='+',
         type=int,
         metavar='N',
-        help=f'from 0; default: {" ".join(map(str, SEEDS))}, not used to choose any default',
+        help=f'from 0; default: {" ".join(map(str, SEEDS))}, unused when defaults were set',
     )
     parser.add_argument(
         '--full',
         type=int,
         default=1,
         metavar='N',
-        help='number of seeds judged by all detectors; the others by the default chain '
-        'and the peers, on presets with a target; default: 1',
+        help='number of seeds for all detectors; further seeds are for the default and '
+        'the peers, on presets with a target; default: 1',
     )
     parser.add_argument(
         '--quick',
@@ -81,8 +81,7 @@ def add_results(commands: Commands) -> None:
         nargs='+',
         choices=tuple(SECTIONS),
         metavar='S',
-        help=f'write these only, of {", ".join(SECTIONS)}; default: all, and under --quick all but '
-        'papers',
+        help=f'sections to write: {", ".join(SECTIONS)}; default: all, with --quick all but papers',
     )
     parser.add_argument(
         '--papers',
@@ -90,7 +89,7 @@ def add_results(commands: Commands) -> None:
         choices=PAPERS,
         default=tuple(PAPERS),
         metavar='P',
-        help=f'pages of the section papers, in papers/ beside FILE; of {", ".join(PAPERS)}',
+        help=f'papers to write pages for, in papers/ beside FILE: {", ".join(PAPERS)}',
     )
     parser.add_argument(
         '--data',

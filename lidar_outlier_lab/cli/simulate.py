@@ -58,7 +58,7 @@ def add_simulate(commands: Commands) -> None:
         '--output',
         type=Path,
         metavar='DIR',
-        help='new folder; default: PRESET, here, or RECORDING_WEATHER, beside it',
+        help='new folder; default: ./PRESET, or RECORDING_WEATHER beside input',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'

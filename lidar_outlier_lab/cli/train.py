@@ -62,7 +62,7 @@ def add_train(commands: Commands) -> None:
         '--data',
         type=Path,
         metavar='DIR',
-        help=f'folder of the known clean recordings; default: {DATA}, none with --onto',
+        help=f'folder of clean recordings; default: {DATA}, or none with --onto',
     )
     parser.add_argument(
         '--onto',
@@ -70,7 +70,7 @@ def add_train(commands: Commands) -> None:
         nargs='+',
         default=[],
         metavar='RECORDING',
-        help='clean recordings of your own, each of another spinning sensor',
+        help='own clean recordings, each from a different spinning sensor',
     )
     add_parameter_options(parser)
     parser.add_argument(

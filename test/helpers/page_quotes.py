@@ -156,7 +156,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         [
             Quote(
                 'README.md',
-                'F1 {real_snow/Both returns/default/F1}, and '
+                'both returns): F1 {real_snow/Both returns/default/F1}, and '
                 '{real_snow/Both returns/default/good points lost} of the good points lost;\n'
                 'DROR, tuned on the same labels: {real_snow/Both returns/DROR/F1} and '
                 '{real_snow/Both returns/DROR/good points lost}. [Real',
@@ -279,8 +279,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
             Quote(
                 'README.md',
-                'twelve real sensors: {least shipped} to {most shipped} of the points rejected, or '
-                '{least left} to {most left} by trees that were not trained on the sensor.',
+                'twelve real sensors: {least shipped} to {most shipped} of the points are '
+                'rejected; {least left} to {most left} by trees not trained on the sensor.',
             ),
             *(
                 Quote(

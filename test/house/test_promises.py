@@ -417,6 +417,6 @@ def test_change_of_what_is_fixed(name: str) -> None:
     clean = make()
     value = {'block': 0.02, 'time_field': 't', 'max_points': 5}[name]
     before = clean.parameters
-    with pytest.raises(ParameterError, match=f'^{name} must be .* as at the start, got {value!r}$'):
+    with pytest.raises(ParameterError, match=f'^{name} must be .* \\(read-only\\), got {value!r}$'):
         clean.change(before.changed({name: value, 'scores': True}))
     assert clean.parameters is before

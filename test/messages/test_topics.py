@@ -35,4 +35,4 @@ def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
     )
     for total, change in ((3, 3), (5, 2)):
         handler.callback(SimpleNamespace(total_count=total, total_count_change=change))
-    assert channel.health._missed['lost on the way'] == 5
+    assert channel.health._missed['lost in transit'] == 5

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels are compiled beside, in processes, and only what is compiled is used where asked."""
+"""Kernels are compiled in background processes; only compiled ones are used where asked."""
 
 import os
 import shutil
@@ -242,7 +242,7 @@ def test_a_failed_share_is_one_sentence() -> None:
     steps: list[tuple[int, int]] = []
     errors = Processes().run([bad, good], lambda done, total, _: steps.append((done, total)))
     assert len(errors) == 1
-    assert 'could not be compiled beside' in errors[0]
+    assert 'could not be compiled' in errors[0]
     assert '\n' not in errors[0]
     assert steps == [(1, 2), (2, 2)]
 

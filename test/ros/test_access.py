@@ -14,7 +14,7 @@ from lidar_outlier_filter.ros import live_parameters
 from lidar_outlier_filter.ros.live_parameters import NodeAccess
 
 NAME = 'gap_factor'
-LATE = 'the node must reply within 0.01 s, got nothing'
+LATE = 'the node did not reply within 0.01 s'
 
 
 def test_a_change_that_is_given_up_is_not_made(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -189,7 +189,7 @@ def test_the_clock_ends(ros: Ros) -> None:
     player.send(0.0)
     player.stop_the_clock()
     found = ros.diagnosis(lambda found: found['messages'] == 1)
-    assert 'use_sim_time is set and nobody publishes /clock' in found.message
+    assert 'use_sim_time is set but /clock is not published' in found.message
     assert player.node.channels[0].statistics.outliers == 1
 
 

@@ -77,8 +77,8 @@ def test_the_old_one_filters_until_then(loading: Loading) -> None:
     loading.go_on.release()
     assert beside.taken.get(timeout=TIMEOUT) == SECOND
     beside.request(THIRD)
-    assert beside.reply.startswith('quadric takes over when its kernels are ready')
-    assert beside.reply.endswith('sor filters until then')
+    assert beside.reply.startswith('chain quadric starts when its kernels are ready')
+    assert beside.reply.endswith('until then: sor')
     loading.go_on.release()
     assert beside.taken.get(timeout=TIMEOUT) == THIRD
     beside.stop()
@@ -142,7 +142,7 @@ def test_portable_kernels_are_replaced_beside_the_filter(
     compiled.set()
     between.get(timeout=TIMEOUT)()
     assert steps.get_nowait() == 'replaced'
-    assert steps.get_nowait() == 'kernels for this processor, compiled beside for 0 s, take over'
+    assert steps.get_nowait() == 'now using kernels for this processor, compiled in 0 s'
     assert steps.empty()
 
 

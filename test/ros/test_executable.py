@@ -143,7 +143,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
             lost = status['values']['lost']
         assert status['name'] == f'outlier_filter_node: {TOPIC}'
         assert status['level'] > 0
-        assert 'lost on the way' in status['message']
+        assert 'lost in transit' in status['message']
         assert 'fastdds_large_clouds.xml' in status['message']
         node.signal(signal.SIGTERM)
         assert node.wait() == 0

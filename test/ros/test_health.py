@@ -132,7 +132,7 @@ def test_the_advice_is_for_the_middleware(middleware: str) -> None:
     """What helps with large clouds is a file of the package, for each middleware another."""
     health = Health(middleware)
     health.missed(LOST, 1)
-    advice = f'; for large clouds set {PROFILES[middleware]} for both sides'
+    advice = f'; for large clouds all nodes need {PROFILES[middleware]}'
     assert advice in take_sample(health)[1]
     assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
 
@@ -149,9 +149,9 @@ def test_what_is_not_filtered() -> None:
     level, message, values, plotted = take_sample(health)
     assert level == WARN
     assert message == (
-        'clouds not filtered as asked: 4 (2 lost on the way, 1 dropped, 1 passed unfiltered); '
+        'clouds not filtered fully: 4 (2 lost in transit, 1 dropped, 1 passed unfiltered); '
         'received in the same time: 6; '
-        'for large clouds set config/fastdds_large_clouds.xml for both sides'
+        'for large clouds all nodes need config/fastdds_large_clouds.xml'
     )
     assert [plotted[name] for name in ('lost', 'dropped', 'bypassed')] == [2, 1, 1]
     assert (values['lost'], values['dropped']) == ('2', '1')
@@ -161,7 +161,7 @@ def test_what_is_not_filtered() -> None:
         health.received()
     health.missed(DROPPED)
     health.published(0.1, 0.1)
-    said = 'clouds not filtered as asked: 1 (1 dropped); received in the same time: 2'
+    said = 'clouds not filtered fully: 1 (1 dropped); received in the same time: 2'
     assert take_sample(health)[1] == said
     health.received()
     health.missed(DROPPED, 2)

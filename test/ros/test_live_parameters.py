@@ -143,13 +143,13 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     changed = ['gap_factor', 'alpha_beta_gamma.before', 'alpha_beta_gamma.order']
     assert (output.success, output.message) == (
         True,
-        f'as at the start again: {", ".join(changed)}',
+        f'reset to start values: {", ".join(changed)}',
     )
     assert values(node) == before
     assert node.filter_parameters.gap_factor == 3.0
     assert ros.wait(result) == set(changed)
     output = ros.call(Trigger, 'reset', Trigger.Request())
-    assert (output.success, output.message) == (True, 'as at the start again: nothing to do')
+    assert (output.success, output.message) == (True, 'reset to start values: nothing to do')
 
 
 def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
@@ -212,6 +212,6 @@ def test_a_file_of_somebody_else_is_kept(ros: Ros, tmp_path: Path, kind: str) ->
     before = saved.read_text()
     output = ros.call(Trigger, 'save_parameters', Trigger.Request())
     assert not output.success
-    assert 'the file must be a new one, or one that was saved here, got' in output.message
+    assert 'the file must be new, or saved by ~/save_parameters, got' in output.message
     assert saved.read_text() == before
     assert saved.is_symlink() == (kind == 'link')

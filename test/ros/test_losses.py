@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The warning about clouds that were not filtered as asked."""
+"""The warning about clouds that were not filtered fully."""
 
 import math
 import re
@@ -49,7 +49,7 @@ def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
 
 
 def _counts(text: str) -> list[tuple[str, str]]:
-    return re.findall(r'(\d+) (dropped|lost on the way)', text)
+    return re.findall(r'(\d+) (dropped|lost in transit)', text)
 
 
 def test_what_counts() -> None:

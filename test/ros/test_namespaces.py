@@ -28,9 +28,8 @@ def test_accepted(text: str, topics: list[str], names: list[str]) -> None:
 @pytest.mark.parametrize('topics', [['/points'], ['points', '/more/points']])
 def test_a_topic_that_all_would_share(topics: list[str]) -> None:
     """Each process would filter the same clouds."""
-    sentence = (
-        'input_topic must be without a leading slash, because namespace names several, got '
-        + repr(topics[-1])
+    sentence = 'input_topic must be without a leading slash for several namespaces, got ' + repr(
+        topics[-1]
     )
     with pytest.raises(ParameterError, match=f'^{re.escape(sentence)}$'):
         split_namespaces('left,right', topics)

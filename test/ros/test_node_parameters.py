@@ -59,9 +59,9 @@ def limits(descriptor: ParameterDescriptor) -> list[tuple[float, float]]:
         ('gap_factor', 0.5, 'gap_factor must be from 1 to 1e+06, got 0.5'),
         ('chain', ['magic'], "chain must be a list, without repetition, of one of 'alpha_beta"),
         ('alpha_beta_gamma.order', 2, 'at least order + 2 = 4, with sides: either, got 3 and 3'),
-        ('block', 0.2, 'block must be 0.1 as at the start (read-only), got 0.2'),
+        ('block', 0.2, 'block must be 0.1 (read-only), got 0.2'),
         ('lof.treshold', 2.0, "names, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
-        ('unheard', 1, "a parameter must be one of those that `ros2 param list` names, got 'unhea"),
+        ('unheard', 1, "a parameter must be a name that `ros2 param list` prints, got 'unheard"),
     ],
 )
 def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sentence: str) -> None:

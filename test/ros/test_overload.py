@@ -41,7 +41,7 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     channel.worker._overload.treatment = Treatment.DEGRADE
     message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
-    assert 'too much to filter: clouds are filtered by the smoother alone' in message
+    assert 'overload: clouds are filtered by the smoother alone' in message
 
 
 def test_drop_oldest(ros: Ros) -> None:
@@ -68,7 +68,7 @@ def test_losses_are_in_the_log(
     with held_up(node):
         send(ros, node, sensor, 25)
     node.finish()
-    said = [line for line in capfd.readouterr().err.splitlines() if 'not filtered as asked' in line]
+    said = [line for line in capfd.readouterr().err.splitlines() if 'not filtered fully' in line]
     (line_,) = said
     assert line_.endswith(f'since the last warning: {lost} (load.policy is {policy})')
     assert '/points: ' in line_

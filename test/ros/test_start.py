@@ -57,7 +57,7 @@ def test_the_old_chain_filters_until_the_new_one_can(tmp_path: Path) -> None:
         found = watch.settle()
         assert watch.stop() == 0
     assert result.successful
-    assert result.reason.startswith(f'{SECOND} takes over when its kernels are ready')
+    assert result.reason.startswith(f'chain {SECOND} starts when its kernels are ready')
     assert said
     assert said[-1].count('messages') > said[0].count('messages') > 0
     assert {sample.level for sample in said} == {WARN}

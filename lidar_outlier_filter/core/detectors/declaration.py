@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The declaration of a detector: its name, bit, parameters, score, and how it explains that.
+"""The declaration of a detector: name, bit, parameters, score, and explanation of scores.
 
-Declarations are read wherever parameters are, so they import no kernel: ``score`` is named.
+Declarations are read with parameters. They import no kernel: ``score`` is given by name.
 """
 
 from __future__ import annotations

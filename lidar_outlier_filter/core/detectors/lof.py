@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The local outlier factor (Breunig, Kriegel, Ng and Sander 2000; Sotoodeh 2006, section 4).
 
-With k = ``min_pts``, N(p) all others that are at most the k-distance of p away, ties included, and
-the reach distance of p from o the larger of the k-distance of o and the distance between the two:
+Let k = ``min_pts`` and N(p) all others within the k-distance of p, ties included. The reach
+distance of p from o is the larger of the k-distance of o and the distance from p to o. Then:
 
     density(p) = 1 / mean reach distance of p from all o in N(p)
     LOF(p) = mean of density(o) / density(p) over all o in N(p)
@@ -12,13 +12,13 @@ It is about 1 within a region of even density, whatever that density is, and has
 
 Where more than k points coincide their k-distance is 0 and their density infinite. For that case
 Breunig et al. (remark on definition 6) propose the *k-distinct-distance*, to the k-th nearest other
-place at which there are points. Here it replaces the k-distance exactly where that is 0;
-with fewer than k other positions the farthest counts, and where all points coincide the LOF is 1.
+place at which there are points. Here it is used only if the k-distance is 0;
+with fewer than k other positions the farthest counts, and if all points coincide the LOF is 1.
 So all factors are finite, and neither a stack of points nor those around it are rejected for it.
 
 Other programs: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) takes exactly k
-neighbours even if several tie for the last rank, and adds 1e-10 to the mean reach distance: beside
-more than k coincident points good points have factors of millions. PDAL's ``filters.lof`` (k is its
+neighbours even if several tie for the last rank, and adds 1e-10 to the mean reach distance: good
+points near more than k coincident ones get factors of millions. PDAL's ``filters.lof`` (k is its
 ``minpts``) counts the point itself as a neighbour, which pulls all factors towards 1. So does
 PCL-LOFFilter, the code of Pirotti et al. (2018), which also squares all distances.
 """

@@ -83,16 +83,16 @@ def judge_whole(
     parameters : of the filter
     chain : that of the parameters, unless another one is given
     slow : called while a detector takes too long
-    tile : metres; of a cloud that is larger than memory the side of the tiles of detectors that
-        judge in tiles; all others judge in one piece, with the same verdict
+    tile : side of the tiles, metres, for clouds larger than memory and detectors that judge in
+        tiles; all others judge in one piece, with the same verdict
     allocate : returns an array of a shape and a type, which may be a file
 
     Raises
     ------
     ParameterError
-        If a detector needs all points in memory where there are tiles.
+        If tiles are used with a detector that cannot use files.
     CloudError
-        If there are more than ``max_points``, or in a tile with its halo.
+        If the cloud, or a tile with halo, exceeds ``max_points``.
 
     """
     where = np.flatnonzero(cloud.valid)

@@ -149,7 +149,7 @@ def content_of(parameters: FilterParameters) -> str:
 
 
 def read_mask(path: Path) -> Mask:
-    """Read a mask; a file that holds none is refused as a whole.
+    """Read a mask file; an invalid one is refused as a whole.
 
     Raises
     ------

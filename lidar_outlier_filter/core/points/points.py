@@ -159,7 +159,7 @@ def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str)
     Raises
     ------
     CloudError
-        If that of a valid point is not from ``FINEST`` to ``FARTHEST``.
+        If a valid point's value is not in ``FINEST`` to ``FARTHEST``.
 
     """
     wrong = valid & ~((sigma >= FINEST) & (sigma <= FARTHEST))

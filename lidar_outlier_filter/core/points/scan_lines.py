@@ -177,10 +177,10 @@ class LineCounter:
     def by_angle(self, angle: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Begin a new line at each turn of the scan angle.
 
-        The angle wraps there: it steps by more than half a turn. Or it steps back against the sense
-        of rotation, by more than ``NOISE``: more than half a turn had no returns. A smaller step
-        back is noise, and the same wrap is not counted again behind it. The sense is known once the
-        small steps have gone that far; until then only wraps count.
+        A line begins where the angle wraps (steps by more than half a turn), or steps back against
+        the sense of rotation by more than ``NOISE`` (a gap of more than half a turn). Smaller steps
+        back are noise, and do not repeat a wrap. The sense is known once the small steps add up to
+        ``NOISE``; before that, only wraps count.
 
         Parameters
         ----------

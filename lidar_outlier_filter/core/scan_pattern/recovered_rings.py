@@ -124,7 +124,7 @@ def recover_rings(xyz: Floats) -> Ints | None:
     Returns
     -------
     (N,) int64 or None
-        The ring of each point, from 0, the lowest. None where the points have no rings.
+        The ring of each point; 0 is the lowest. None if no rings are found.
 
     """
     if not MIN_RINGS * MIN_RING_RETURNS <= len(xyz) <= MAX_TURN_POINTS:
@@ -143,9 +143,9 @@ def recover_rings(xyz: Floats) -> Ints | None:
 
 
 def as_turn(points: Points) -> Points:
-    """Take recovered rings for lines, and the times of a head that turns steadily.
+    """Use recovered rings as lines, with times as of a steadily turning head.
 
-    The turn begins behind the sensor, goes counter-clockwise, and takes a second. Points without
+    The turn begins behind the sensor, goes counter-clockwise and takes 1 s. Points without
     recovered rings stay as they are.
     """
     if points.ring is None:
@@ -154,7 +154,7 @@ def as_turn(points: Points) -> Points:
 
 
 def _span(elevation: Floats) -> float:
-    """Return the angle from the lowest point to the highest, without one in a hundred at each."""
+    """Return the angle from the lowest point to the highest, without 1 % at either end."""
     low, high = np.quantile(elevation, [0.01, 0.99], method='lower')
     return float(high - low)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scan pattern of a spinning sensor: a point's neighbours by the way the head turns.
+"""The scan pattern of a spinning sensor: a point's neighbours by ring and azimuth.
 
 A point's neighbours are those before and after it in its ring, and those at its azimuth in the two
 rings above and the two below. All rings are sorted by azimuth, so that one walk finds them.

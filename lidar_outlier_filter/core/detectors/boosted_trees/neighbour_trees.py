@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds without scan lines, judged by trees on the neighbours of each point.
 
-The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
-good, the second trees see the sixty nearest, and the first log-odds of these. So the wide search,
-which takes long, is for few points. A verdict depends on the neighbours of a point, and on the
+The first trees see the eight nearest neighbours of every point. If a point is not clearly good,
+the second trees see its sixty nearest neighbours and their first log-odds. So the slow, wide
+search is made for few points only. A verdict depends on the neighbours of a point, and on the
 floor of the whole cloud. Coincident points are judged as one: neighbours are at other positions.
 """
 

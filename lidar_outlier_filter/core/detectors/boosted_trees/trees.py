@@ -161,15 +161,15 @@ def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
 def contribute(trees: Trees, values: Singles) -> Singles:
     """Return what each feature adds to the log-odds of W points with these values, both (F, W)."""
     added = np.zeros(values.shape, np.float32)
-    # Of one layout, whatever was picked: another one would be compiled once more.
+    # Always C order: each further memory layout would be compiled again.
     _add_up(trees, find_means(trees), np.ascontiguousarray(values), added)
     return added
 
 
 def find_means(trees: Trees) -> Singles:
-    """Return the mean (T, 15) of the values that are possible at each node of full trees.
+    """Return the mean value (T, 15) of the leaves below each node of full trees.
 
-    The questions come first, as in ``Trees``, and the values behind them.
+    The inner nodes come first, as in ``Trees``, then the leaves.
     """
     means = np.empty((len(trees.value), QUESTIONS + VALUES), np.float32)
     means[:, QUESTIONS:] = trees.value

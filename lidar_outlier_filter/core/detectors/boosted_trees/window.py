@@ -158,8 +158,8 @@ def prepare(pattern: Pattern, threads: int = 0) -> Prepared:
 def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> None:
     """Write how much ranges differ from what their neighbours in the ring predict.
 
-    Of lines ``begin`` to ``end``: |1 - range × predicted inverse range| ÷ step, because of a plane
-    the inverse range is even along a ring; 0 at the ends.
+    For lines ``begin`` to ``end``: |1 - range × predicted inverse range| ÷ step; 0 at the ends. On
+    a plane the inverse range varies evenly along a ring.
     """
     reach, phase = pattern.range, pattern.phase
     for line in range(begin, end):
@@ -178,8 +178,8 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
     """Write the position of the nearest return in azimuth on each ring beside, for some lines.
 
     ``near`` (4, M): on the second below, the one below, the one above, the second above; a place of
-    no point where there is no such ring. Of two as near, the one before. What is written of other
-    entries than points must be positions, too.
+    no point where there is no such ring. Of two equally near, the first. Entries without a
+    point must be valid positions, too.
     """
     lines = len(pattern.first)
     phase = pattern.phase

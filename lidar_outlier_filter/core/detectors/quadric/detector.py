@@ -251,8 +251,8 @@ def find_cores(tree: Tree, most: int) -> Ints:
 def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, stack: Ints) -> int:
     """Find the points of a core's window, in tree order; return their number.
 
-    ``found`` has room for the core and ``RIM`` × ``section`` points, ``stack`` for a walk through
-    the tree.
+    ``found`` holds the core and ``RIM`` × ``section`` more points; ``stack`` is for the tree
+    search.
     """
     size = tree.last[core] - tree.first[core]
     extent, most = (tree.high[core] - tree.low[core]).max(), (tree.high[0] - tree.low[0]).max()
@@ -275,8 +275,8 @@ def _visit(
 ) -> int:
     """Visit the points in the box of the core grown by a margin, faces included, in tree order.
 
-    Those of the core, and of the others every so-manieth, are put in ``found`` as long as there is
-    room; returns their number.
+    All points of the core, and of the others every ``stride``-th, go into ``found`` while there
+    is room; returns their number.
     """
     box = (
         tree.low[core, 0] - margin,

@@ -174,8 +174,8 @@ def fill_rows(window: Window, n: int) -> None:
 def measure_gradient(window: Window, n: int) -> None:
     """Measure the gradient (25)-(27) of all points: its square, and the variance (30).
 
-    Where two sheets of a quadric meet, the gradient vanishes, and with it the variance; it is held
-    at a hundredth of the mean of the kept points, or those few would decide all.
+    Where two sheets of a quadric meet, the gradient and the variance vanish. The variance is at
+    least 1 % of the mean of the kept points; else these points would decide all.
     """
     a, plane, local, sigma2 = window.a, window.plane, window.local, window.sigma2
     root = ROOT2

@@ -93,7 +93,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
 def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
     """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
 
-    If the first surface holds this one, the ratio is not less than that one's, nor much more.
+    If the first surface limits this one, the ratio is 1 to ``TIGHT``² times the first's.
     """
     parts = window.scratch
     for i in range(n):
