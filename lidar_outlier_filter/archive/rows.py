@@ -39,7 +39,7 @@ class ArchiveRow:
     sums : of each count
     rejected_by : points by detector
     odd : a sentence for each oddness
-    z : the robust z with the largest absolute value
+    z : the robust z-score of largest magnitude
 
     """
 

@@ -48,7 +48,7 @@ ROOMS = ('core', 'files', 'messages', 'parameters', 'pipeline', 'recordings')
 
 
 class FileMark(NamedTuple):
-    """The fingerprint of one file: bytes, SHA-256, and a state to detect changes cheaply.
+    """The fingerprint of one file: size, SHA-256, and a state to detect changes cheaply.
 
     ``state`` is the time of modification on a file system, the ETag on a store.
     """

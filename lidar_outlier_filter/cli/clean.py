@@ -59,8 +59,8 @@ def add_clean(commands: Commands) -> None:
         'databases; reads E57, and writes PLY. Each copy gets a log, NAME.json. '
         'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
         'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
-        'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 some of the files '
-        'were refused, or no point of a file could be tested.',
+        'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 a file was refused '
+        'or fully untested, or matplotlib is missing.',
         epilog=EXAMPLES,
     )
     add = parser.add_argument
@@ -118,7 +118,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     add(
         '--dry-run',
         action='store_true',
-        help='write no cloud; print rejected points by detector, class and cause, and the '
+        help='write no cloud; print rejected points by detector, class and place, and the '
         'largest groups',
     )
     add(

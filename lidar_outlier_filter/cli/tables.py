@@ -100,7 +100,7 @@ def say_lacks(task: Task, record: ArchiveRecord) -> None:
     for topic, reason in record.untested.items():
         say(f'no point of {topic} of {path} could be tested: {reason}')
     if record.unread:
-        say(f'{record.unread} messages that {path} counts were not found in it')
+        say(f'{record.unread} messages of its own count are missing in {path}')
     for reason in record.lost:
         say(f'lost of {path}: {reason}')
 

@@ -232,7 +232,7 @@ def beside(recording: Path, ending: str) -> Path:
 def say_unread(count: int) -> None:
     """Say how many messages a recording lacks, if any."""
     if count:
-        say(f'{count} messages that the recording counts were not found in it')
+        say(f'{count} messages of its own count are missing in the recording')
 
 
 def add_parameter_options(parser: ArgumentParser) -> None:

@@ -45,8 +45,8 @@ def add_tune(commands: Commands) -> None:
         'tune',
         help='optimise parameters on labelled or injected outliers',
         description='Tune window, neighbour and threshold parameters of the chain, '
-        'write a parameter file, and print its expected recall and loss, by cross-validation on '
-        'stretches of the recording that are held out. The truth is a field of the clouds, files '
+        'write a parameter file, and print its expected F1 and good points lost, on parts of '
+        'the recording that are held out. The truth is a field of the clouds, files '
         'beside them, or outliers that are injected into a clean recording.',
         epilog='examples:\n  lidar-outlier-filter tune drive --output tuned.yaml\n'
         '  lidar-outlier-filter tune drive --output tuned.yaml --set chain=[sor]',
@@ -84,7 +84,7 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         default=(1.0, 200.0),
         metavar=('LOW', 'HIGH'),
         help='displacement of injected outliers, metres; at least LOW from every good point, '
-        'clusters twice as far; default: 1 200',
+        'clusters 2 LOW; default: 1 200',
     )
 
 

@@ -35,7 +35,7 @@ BESIDE = 2.2  # inches for the legend of more
 def draw_roc(
     curves: Mapping[str, Curve], path: Path, settings: Mapping[str, Confusion] | None = None
 ) -> list[Path]:
-    """Draw ROC curves twice: as everybody does, and with few false rejections in the open.
+    """Draw ROC curves twice: over linear, and over logarithmic false rejections.
 
     Parameters
     ----------

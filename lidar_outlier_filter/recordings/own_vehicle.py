@@ -64,7 +64,7 @@ def learn_mask(
     Parameters
     ----------
     recording : of a drive, ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
-    parameters : how its clouds are read; odometry is used where it has one topic of it
+    parameters : how its clouds are read; odometry is used if there is one topic of it
     topic : of the clouds; None: the only one
     reach : metres from the sensor to the farthest point of the vehicle
     progress : is called with the turns so far, and 0

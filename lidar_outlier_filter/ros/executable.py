@@ -88,7 +88,7 @@ def split_files(text: str, count: int) -> list[str]:
     Raises
     ------
     ParameterError
-        If there are more files than one and fewer or more than namespaces, or one does not exist.
+        If there are several files, but not one for each namespace, or a file does not exist.
 
     """
     paths = [path.strip() for path in text.split(',')]

@@ -219,7 +219,7 @@ class OutlierFilterNode(TunableNode):
             channel.worker.enable(on=request.data)
         response.success = True
         response.message = 'filtering' if request.data else 'clouds pass unfiltered'
-        self.get_logger().info(f'enable: {response.message}')
+        self.get_logger().info(f'now: {response.message}')
         return response
 
 

@@ -43,8 +43,8 @@ def add_results(commands: Commands) -> None:
     parser = commands.add_parser(
         'results',
         help='compare all detectors with the papers and with other programs, and write tables',
-        description='Simulate all presets, judge them with every detector, some chains and the '
-        'installed peers, and write tables and pictures between markers of a page; its other '
+        description='Simulate all presets, judge them with every detector, some chains and '
+        'other programs, and write tables and pictures between markers of a page; its other '
         'text is kept. It takes half an hour on two cores, and half an hour more for the '
         'papers.',
         epilog='examples:\n  lidar-outlier-filter results --quick\n'
@@ -61,15 +61,15 @@ def add_results(commands: Commands) -> None:
         nargs='+',
         type=int,
         metavar='N',
-        help=f'from 0; default: {" ".join(map(str, SEEDS))}, unused when defaults were set',
+        help=f'from 0; default: {" ".join(map(str, SEEDS))}, never used for tuning',
     )
     parser.add_argument(
         '--full',
         type=int,
         default=1,
         metavar='N',
-        help='number of seeds for all detectors; further seeds are for the default and '
-        'the peers, on presets with a target; default: 1',
+        help='seeds for all detectors; further ones: the default, rules and other '
+        'programs, on presets with an F1 target; default: 1',
     )
     parser.add_argument(
         '--quick',

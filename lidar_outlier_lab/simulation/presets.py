@@ -30,7 +30,7 @@ _SURVEY, _FLIGHT = 'papers.surveyed_streets.survey', 'papers.aerial.flight'
 _STREET = 'scenes.spinning_streets.street'
 
 PRESETS = {
-    'leslar-a': Preset(_SURVEY, 'street, wet and cold; 1 098 689 points, 1.00 % in dense clouds'),
+    'leslar-a': Preset(_SURVEY, 'street, wet, cold; 1 098 689 points, 1 % outliers in clumps'),
     'leslar-b': Preset(_SURVEY, 'street, wet; 295 147 points, 0.30 % scattered, a barrier arm'),
     'leslar-c': Preset(_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
     'pirotti-sfm': Preset(
@@ -45,7 +45,7 @@ PRESETS = {
         'papers.sotoodeh_clusters.cloud', '656 points, 84 outliers', is_named=False
     ),
     'kang-urban': Preset(_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
-    'kang-mountain': Preset(_FLIGHT, 'mountains from the air; 1 000 000 points, 0.024 %'),
+    'kang-mountain': Preset(_FLIGHT, 'mountain flight; 1 000 000 points, 0.024 % errors'),
     'street-16': Preset(_STREET, '16 rings, rain and spray; 2 % outliers'),
     'street-32': Preset(_STREET, '32 rings, snow; 3 % outliers'),
     'street-64': Preset(_STREET, '64 rings, rain; 2.5 % outliers'),

@@ -162,7 +162,7 @@ def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) ->
     ros.call(SetBool, 'enable', SetBool.Request(data=False))
     said = capfd.readouterr().err
     assert said.count('parameters set: gap_factor: 4.0\n') == 1
-    assert said.count('enable: clouds pass unfiltered\n') == 1
+    assert said.count('now: clouds pass unfiltered\n') == 1
 
 
 def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -40,7 +40,7 @@ def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
         lossy += [time] * bool(count)
         if text := health.loss_warning('drop_oldest', seconds):
             times.append(time)
-            assert ('for large clouds set' in text) == (LOST in text)
+            assert ('for large clouds all nodes need' in text) == (LOST in text)
             said += Counter({what: int(count) for count, what in _counts(text)})
     assert said == +lost
     assert times[:1] == lossy[:1]  # the first at once

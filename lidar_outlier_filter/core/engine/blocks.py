@@ -207,9 +207,9 @@ class Blocks(Generic[AnyCloud]):
         span = f'a message spans {length / SECOND:.3g} s'
         if length >= round(MIN_SWEEP * self._block):
             self.by_message, self._undecided = True, 0
-            self.inform(f'blocks: each message is judged at once, because {span}')
+            self.inform(f'blocks: each message is one block, because {span}')
         elif not self._undecided:
-            self.inform(f'blocks: messages wait for stretches of sensor time, because {span}')
+            self.inform(f'blocks: messages are judged in blocks of time, because {span}')
         return self.by_message
 
     def _add(self, cloud: AnyCloud) -> None:

@@ -261,7 +261,7 @@ def guess_unit(dtype: np.dtype[Any], size: NDArray[np.float64]) -> str:
 def to_nanoseconds(values: NDArray[Any], valid: NDArray[np.bool_], unit: str) -> NDArray[np.int64]:
     """Convert times to whole nanoseconds; what is not valid becomes 0.
 
-    Whole and broken part of a float are scaled apart, so that absolute stamps keep what they hold.
+    Whole and fractional part of a float are scaled separately: absolute stamps lose no digits.
 
     Raises
     ------

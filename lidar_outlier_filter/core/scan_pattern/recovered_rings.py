@@ -50,7 +50,7 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
     Parameters
     ----------
     flat, z : (N,) float64
-        Distance from the axis, and height, metres, in an order that the points alone give.
+        Distance from the axis, and height, metres, sorted by height, then by distance.
 
     """
     best, least = Origin(0.0, 0.0), math.inf
