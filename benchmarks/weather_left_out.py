@@ -59,7 +59,7 @@ RECIPES = (
     ('ghosts',),
 )
 HEAD = (
-    *('weather', 'F1, known', 'F1, left out', 'F1 at its best threshold'),
+    *('weather', 'F1, known', 'F1, left out', "its best threshold's F1"),
     *('good points lost, known', 'left out'),
 )
 

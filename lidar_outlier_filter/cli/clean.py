@@ -56,7 +56,7 @@ def add_clean(commands: Commands) -> None:
         help='filter files of points',
         description='Judge all points of a file together, and write a copy with every attribute '
         'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
-        'databases; reads E57, and writes PLY. Each copy gets a log, NAME.json. '
+        'databases; reads E57, written as PLY. Each copy gets a log, NAME.json. '
         'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
         'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
         'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 a file was refused '

@@ -42,7 +42,7 @@ def add_report(commands: Commands) -> None:
         description='Judge a recording or a file, and write one page that needs no network: the '
         'points in 3-D, a slider for the threshold of each detector, reasons, groups, histograms. '
         'Exit status: 0 all done; 1 refused, nothing is written; 3 written, but some clouds were '
-        'refused.',
+        'refused, or --figures lacks matplotlib.',
         epilog='examples:\n  lidar-outlier-filter report drive --output drive.html\n'
         '  lidar-outlier-filter report street.laz --points 2000000',
     )

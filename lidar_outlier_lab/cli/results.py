@@ -68,7 +68,7 @@ def add_results(commands: Commands) -> None:
         type=int,
         default=1,
         metavar='N',
-        help='seeds for all detectors; further ones: the default, rules and other '
+        help='N seeds for all detectors; the rest: default, forms of sor, other '
         'programs, on presets with an F1 target; default: 1',
     )
     parser.add_argument(

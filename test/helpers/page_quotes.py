@@ -248,8 +248,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             Quote('doc/performance.md', f'up to {DEMO}/{THREE}/2 cores}} million points'),
             Quote(
                 ACCURACY,
-                f'sweeps of 128 × 1024 | {SPINNING}/boosted_trees/2 cores}}, '
-                f'{SPINNING}/boosted_trees/× Open3D}} times Open3D',
+                f'sweeps of 128 × 1024 | {SPINNING}/boosted_trees/2 cores}} '
+                f'({SPINNING}/boosted_trees/× Open3D}} × Open3D,',
             ),
         ],
     ),

@@ -230,7 +230,7 @@ class Neighbourhood:
         return offsets, index
 
     def nearest_of(self, which: Ints, k: int) -> Index:
-        """List the k nearest neighbours of few points, which may be more than ``most``.
+        """List the k nearest neighbours of few points; k may be more than ``most``.
 
         Parameters
         ----------

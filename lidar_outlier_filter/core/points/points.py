@@ -238,7 +238,7 @@ def concatenate(parts: Sequence[Points]) -> Points:
 
 
 def guess_unit(dtype: np.dtype[Any], size: NDArray[np.float64]) -> str:
-    """Return seconds from nanoseconds by the type of a time field and the size of its values.
+    """Tell seconds from nanoseconds by the type of a time field and the size of its values.
 
     Integers are nanoseconds (Ouster ``t``, Autoware ``time_stamp``, Livox ``offset_time``); float32
     are seconds (Velodyne ``time``). A float64 is seconds up to 10 (relative) and from 1e9 to 1e14

@@ -5,7 +5,7 @@
 The mirror turns evenly, or it swings in each line, evenly or as a pendulum. So the angle of each
 shot is known from its time, up to a constant; and seen from the scanner, all points of a line are
 where these angles say, however far they are. How far a mirror swings is tried: the best fit counts.
-Which way it swings in a line is seen from where the scanner was.
+The scanner's position then shows which way it swings in a line.
 
 With x and y in the plane of a line, the scanner at s and a mirror angle φ + δ, each point says
 

@@ -3,7 +3,7 @@
 """The window of a spinning sensor's point: the returns around it in the scan pattern.
 
 These are the five returns before and after it in its ring, and seven around its azimuth in each of
-the two rings above and below. Returns that are too far in angle do not count.
+the 2 rings above and 2 below. Returns that are too far in angle do not count.
 """
 
 from __future__ import annotations
