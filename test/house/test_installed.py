@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import dataclass, replace
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, PathDistribution
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -39,8 +39,9 @@ from sensor_msgs.msg import PointCloud2
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.detectors.declaration import Detector
-from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins
+from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins, entry_points
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import Installed, Section, declare
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
@@ -207,8 +208,9 @@ class Other(Section):
     limit: float = declare(0.5, 'Longest distance that is kept.', 'm', 1e-3, 1e3)
 
 
+@dataclass
 class NotFrozen(Section):
-    """Not a dataclass."""
+    """Has no hash."""
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,15 @@ class WrongDefault(Section):
     """A default beyond its range."""
 
     limit: float = declare(5.0, 'A distance.', 'm', 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class WrongTogether(Section):
+    """Defaults that make no sense with each other."""
+
+    def check(self) -> None:
+        """Refuse them."""
+        raise ParameterError('a', 'less than b', 1)
 
 
 def declared(name: str, bit: int = BIT, **changed: Any) -> Any:
@@ -272,22 +283,25 @@ def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str
         replace(declared('x'), name='a b'),
         replace(declared('x'), bit=True),
         replace(declared('x'), bit='128'),
+        replace(declared('x'), bit=128.0),
         declared('x', section=5),
         declared('x', section=Section),
         declared('x', section=NotFrozen),
         declared('x', section=WrongDefault),
+        declared('x', section=WrongTogether),
         declared('x', score=5),
         declared('x', score='no_colon'),
         declared('x', rejects=None),
         declared('x', neighbours=3),
         declared('x', lines='some'),
         declared('x', columns=['intensity']),
+        declared('x', large='some'),
     ],
 )
 def test_wrong_declarations(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:
     """Each is refused in one sentence that names it."""
-    result = found(monkeypatch, wrong, declared('good'))
-    assert bits(result) == {**BITS, 'good': BIT}
+    result = found(monkeypatch, wrong, declared('good', 2 * BIT))
+    assert bits(result) == {**BITS, 'good': 2 * BIT}
     (sentence,) = map(str, result.refused.values())
     assert re.search('detector .* of a distribution without a name must be ', sentence)
     assert '\n' not in sentence
@@ -305,12 +319,26 @@ def test_what_leaves_a_plugin(monkeypatch: pytest.MonkeyPatch, leaves: BaseExcep
     sentence = str(add_plugins([('p', point)], []).refused['x'])
     assert sentence.startswith('the detector x of p must be a declaration that can be imported')
     assert type(leaves).__name__ in sentence
+    leaves = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        add_plugins([('p', point)], [])
+
+
+def test_an_entry_point_has_the_name_of_its_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or it could take the place of a built-in one."""
+    monkeypatch.setattr(EntryPoint, 'load', lambda _point: declared('x'))
+    result = add_plugins([('p', EntryPoint('sor', 'plugin:x', GROUP))], [])
+    assert result.detectors == BUILTIN
+    assert len(result.refused) == 1
 
 
 def test_a_distribution_without_a_name(tmp_path: Path) -> None:
     """Its detectors are found, and refused as any other's."""
     env = write_installed(tmp_path, 'broken', 'raise SystemExit(0)')
+    twice = [PathDistribution(tmp_path / 'broken-1.0.dist-info')] * 2
+    assert [name for name, _ in entry_points(twice)] == ['broken']
     (tmp_path / 'broken-1.0.dist-info/METADATA').write_text('Metadata-Version: 2.1\n')
+    assert [name for name, _ in entry_points(twice)] == ['', '']
     run(env, 'clean', '--help')
     done = subprocess.run(
         [*COMMAND, 'clean', 'a.csv', '--chain', 'broken'],

@@ -66,6 +66,8 @@ def receive(ros: Ros, sensor: Sensor, count: int) -> None:
 def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     """Clouds received while it is active are published; nothing is received or sent otherwise."""
     node, manager = make(ros)
+    for number in (Transition.TRANSITION_ACTIVATE, 99):  # the state lacks them
+        assert not manager.change(number)
     assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
     assert topics(node) == (set(), False)
     assert manager.change(Transition.TRANSITION_CONFIGURE)
