@@ -177,7 +177,7 @@ def _location(path: RecordingPath, files: Mapping[RecordingPath, State]) -> Loca
     states = sorted((file.name, *state) for file, state in files.items())
     state = states[0][-1] if states else ''
     if len(states) > 1:
-        kind, total = state.partition(':')[0], repr(states).encode(errors='surrogateescape')
+        kind, total = state.partition(':')[0], repr(states).encode()
         state = f'{kind}:{sha256(total).hexdigest()}'
     by_ranges = isinstance(path, Path) or all(file.suffix in {'.mcap', '.yaml'} for file in files)
     size = sum(size for size, _ in files.values())
