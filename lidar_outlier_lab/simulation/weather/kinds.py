@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_lab.simulation.papers.aerial import log_uniform
 from lidar_outlier_lab.simulation.weather import drops, echoes, mirrors, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes
@@ -24,7 +25,6 @@ MakeWeather = Callable[['_Sweep'], BothEchoes]
 Position = tuple[float, float]  # level, metres
 Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
 
-ONE_RETURN = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
 MIRRORED = (0.15, 0.6)  # share of the beams at a pane that are, at least and most
 LEFT = 0.3  # share of the light that is left after two mirrors
@@ -51,39 +51,6 @@ class _Sweep(NamedTuple):
     around: WeatherSite
 
 
-def make(  # noqa: PLR0913  what a weather depends on
-    weather: str,
-    beams: Beams,
-    seed: int,
-    optics: Optics | None = None,
-    returns: str = 'strongest',
-    sweep: Sequence[int] = (),
-    around: WeatherSite | None = None,
-) -> WeatherEchoes:
-    """Let beams go through a weather.
-
-    Parameters
-    ----------
-    weather : one of ``WEATHERS``
-    beams : of one sweep, sorted by ring and time
-    seed : from 0
-    optics : of the sensor; None: the usual
-    returns : which echo is measured: strongest, first or last
-    sweep : its numbers in its recording: the particles of each are others, the weather is the same
-    around : the site of the first sweep; None: those of this one
-
-    Raises
-    ------
-    FilterError
-        If there is no such weather or return, or the seed is negative.
-
-    """
-    if returns not in ONE_RETURN:
-        raise FilterError('the return', f'one of {", ".join(ONE_RETURN)}', returns)
-    both = make_both(weather, beams, seed, optics, returns, sweep, around)
-    return echoes.choose(both, returns)
-
-
 def make_both(  # noqa: PLR0913  what a weather depends on
     weather: str,
     beams: Beams,
@@ -97,7 +64,23 @@ def make_both(  # noqa: PLR0913  what a weather depends on
 
     Of several particles in a beam it is the nearest for the first return, the farthest for the
     last, and the strongest otherwise. With ``strongest`` drops that the surface outshines are not
-    made. For the rest see :func:`make`.
+    made.
+
+    Parameters
+    ----------
+    weather : one of ``WEATHERS``
+    beams : of one sweep, sorted by ring and time
+    seed : from 0
+    optics : of the sensor; None: the usual
+    returns : which echo is measured: strongest, first, last, or dual for two
+    sweep : its numbers in its recording: the particles of each are others, the weather is the same
+    around : the site of the first sweep; None: those of this one
+
+    Raises
+    ------
+    FilterError
+        If there is no such weather, or the seed is negative.
+
     """
     check(weather, seed)
     optics, number = optics or Optics(), list(WEATHERS).index(weather)
@@ -154,28 +137,17 @@ def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> BothEchoes:
     return BothEchoes(surface.above(noise), before.above(noise))
 
 
-def _rain(sweep: _Sweep) -> BothEchoes:
-    rng = sweep.fixed
-    fall = drops.rain(_log_uniform(rng, 5.0, 80.0))
-    return _falling(fall, Cause.RAIN, sweep)
-
-
-def _light_snow(sweep: _Sweep) -> BothEchoes:
-    rng = sweep.fixed
-    fall = drops.snow(_log_uniform(rng, 0.05, 0.4))
-    return _falling(fall, Cause.SNOW, sweep)
-
-
-def _heavy_snow(sweep: _Sweep) -> BothEchoes:
-    rng = sweep.fixed
-    fall = drops.snow(_log_uniform(rng, 0.6, 5.0))
-    return _falling(fall, Cause.SNOW, sweep)
+def _falls(
+    law: Callable[[float], drops.Precipitation], low: float, high: float, cause: Cause
+) -> MakeWeather:
+    """Let it rain or snow at a rate that is drawn between two, mm/h."""
+    return lambda sweep: _falling(law(log_uniform(sweep.fixed, low, high)), cause, sweep)
 
 
 def _fog(sweep: _Sweep) -> BothEchoes:
     """Hang fog: meteorological optical range MOR = ln 20 ÷ α (Hahner et al. 2021, eq. 4)."""
     rng = sweep.fixed
-    sight = _log_uniform(rng, 25.0, 150.0)
+    sight = log_uniform(rng, 25.0, 150.0)
     cloud = plumes.Plume(
         density=np.log(20.0) / sight,
         ratio=65.0,
@@ -224,7 +196,7 @@ def _spray(sweep: _Sweep) -> BothEchoes:
         puffs: list[plumes.PlumePuff] = []
         for side in (-0.8, 0.8):
             x, y = start[0] - side * np.sin(heading), start[1] + side * np.cos(heading)
-            length, density = rng.uniform(2.0, 14.0), _log_uniform(rng, 0.1, 3.0)
+            length, density = rng.uniform(2.0, 14.0), log_uniform(rng, 0.1, 3.0)
             puffs += plumes.trail((x, y, ground + 0.1), heading, length, density, rng)
         return puffs
 
@@ -235,7 +207,7 @@ def _spray(sweep: _Sweep) -> BothEchoes:
 def _dust(sweep: _Sweep) -> BothEchoes:
     """Whirl dust up: broad plumes behind vehicles."""
     ground, rng = sweep.around.ground, sweep.fixed
-    density = _log_uniform(rng, 0.1, 2.5)
+    density = log_uniform(rng, 0.1, 2.5)
 
     def trail(start: Position, heading: float) -> Sequence[plumes.PlumePuff]:
         length, width = rng.uniform(4.0, 14.0), rng.uniform(0.5, 1.0)
@@ -279,10 +251,6 @@ def _moved(
     return BothEchoes(WeatherEchoes(far, echo, causes), echoes.nothing(len(beams)))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 def _vehicles(
     around: WeatherSite, rng: np.random.Generator
 ) -> list[tuple[tuple[float, float], float]]:
@@ -299,9 +267,9 @@ def _vehicles(
 
 
 WEATHERS: dict[str, MakeWeather] = {
-    'light_snow': _light_snow,
-    'heavy_snow': _heavy_snow,
-    'rain': _rain,
+    'light_snow': _falls(drops.snow, 0.05, 0.4, Cause.SNOW),
+    'heavy_snow': _falls(drops.snow, 0.6, 5.0, Cause.SNOW),
+    'rain': _falls(drops.rain, 5.0, 80.0, Cause.RAIN),
     'fog': _fog,
     'spray': _spray,
     'dust': _dust,
