@@ -18,13 +18,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
@@ -33,7 +33,7 @@ from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import beams_of
 from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner
 from lidar_outlier_lab.simulation.world.recording import to_message
-from lidar_outlier_lab.training.held_out import CLEAN, MIN_OUTLIERS, STREET
+from lidar_outlier_lab.training.held_out import CLEAN, MIN_OUTLIERS, STREET, HeldOut, judge_at_all
 from lidar_outlier_lab.training.scenes import put_weather
 from lidar_outlier_lab.training.train import Sweep
 
@@ -55,34 +55,12 @@ FREE, DARK = '`free`', '`free`, no intensities'
 HEAD = ('scanner, weather', 'clouds', FREE, DARK, *OTHERS)
 
 
-class Row(NamedTuple):
-    """What a peer gives at each threshold on one cloud: F1, and share of the good points lost."""
-
-    f1: Floats
-    lost: Floats
-
-
-def row(sweep: Sweep, score: Floats) -> Row:
-    """Count what each threshold rejects."""
-    bad, good = np.sort(score[sweep.outlier]), np.sort(score[~sweep.outlier])
-    found = len(bad) - np.searchsorted(bad, THRESHOLDS, 'right')
-    lost = len(good) - np.searchsorted(good, THRESHOLDS, 'right')
-    return Row(2.0 * found / np.maximum(found + lost + len(bad), 1), lost / max(len(good), 1))
-
-
-class Count(NamedTuple):
-    """What the default gives on one cloud: F1, and share of the good points lost."""
-
-    f1: float
-    lost: float
-
-
 @dataclass
 class Judged:
     """What everybody says of the clouds of one scanner in one weather."""
 
-    ours: dict[str, list[Count]] = field(default_factory=lambda: defaultdict(list))
-    peers: dict[str, list[Row]] = field(default_factory=lambda: defaultdict(list))
+    ours: dict[str, list[Confusion]] = field(default_factory=lambda: defaultdict(list))
+    peers: dict[str, list[HeldOut]] = field(default_factory=lambda: defaultdict(list))
 
     @property
     def clouds(self) -> int:
@@ -114,13 +92,10 @@ def sweeps(name: str, seed: int) -> Iterator[Sweep]:
         yield Sweep(name, name, weather, points.take(order), outlier[order])
 
 
-def by_default(points: Points, outlier: np.ndarray) -> Count:
+def by_default(points: Points, outlier: np.ndarray) -> Confusion:
     """Judge a cloud as a node does."""
     chain = Chain(FilterParameters().changed({'boosted_trees.sensor': 'free'}))
-    rejected = chain.judge(points).outlier
-    right = int((rejected & outlier).sum())
-    f1 = 2.0 * right / max(int(rejected.sum() + outlier.sum()), 1)
-    return Count(f1, float(rejected[~outlier].mean()))
+    return confusion(outlier, chain.judge(points).outlier)
 
 
 def judge_sweep(judged: Judged, sweep: Sweep) -> None:
@@ -129,13 +104,15 @@ def judge_sweep(judged: Judged, sweep: Sweep) -> None:
     judged.ours[FREE].append(by_default(points, outlier))
     judged.ours[DARK].append(by_default(replace(points, intensity=None), outlier))
     for peer, statistic in OTHERS.items():
-        judged.peers[peer].append(row(sweep, statistic(points)))
+        found = judge_at_all(sweep.sensor, sweep.kind, outlier, statistic(points), THRESHOLDS)
+        judged.peers[peer].append(found)
 
 
 def cells(kind: str, judged: Judged, best: dict[str, int]) -> Iterator[str]:
     """Write F1, and good points lost in brackets, of everybody; of dry air what is lost."""
     for counts in judged.ours.values():
-        f1, lost = np.mean(counts, axis=0)
+        f1 = np.mean([one.f1 for one in counts])
+        lost = np.mean([one.false_rejections.ratio for one in counts])
         yield f'{100 * lost:.2f} %' if kind == CLEAN else f'{f1:.2f} ({100 * lost:.2f} %)'
     for peer, rows in judged.peers.items():
         if kind == CLEAN:

@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats, Singles
+from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
 LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds
@@ -20,7 +19,7 @@ DIGITS = 4
 
 
 class HeldOut(NamedTuple):
-    """A sweep of a sensor that was left out, judged at every threshold of ``LIMITS``.
+    """A sweep of a sensor that was left out, judged at every threshold of several.
 
     Attributes
     ----------
@@ -39,11 +38,13 @@ class HeldOut(NamedTuple):
     outliers: int
 
 
-def judge_at_all(sensor: str, kind: str, outlier: NDArray[np.bool_], odds: Singles) -> HeldOut:
-    """Count what every threshold rejects: points whose log-odds are greater."""
-    bad, good = np.sort(odds[outlier]), np.sort(odds[~outlier])
-    found = len(bad) - np.searchsorted(bad, LIMITS, 'right')
-    lost = len(good) - np.searchsorted(good, LIMITS, 'right')
+def judge_at_all(
+    sensor: str, kind: str, outlier: Bools, score: Reals, limits: Floats = LIMITS
+) -> HeldOut:
+    """Count what every threshold rejects: points whose score, as log-odds, is greater."""
+    bad, good = np.sort(score[outlier]), np.sort(score[~outlier])
+    found = len(bad) - np.searchsorted(bad, limits, 'right')
+    lost = len(good) - np.searchsorted(good, limits, 'right')
     f1 = 2.0 * found / np.maximum(found + lost + len(bad), 1)
     return HeldOut(sensor, kind, f1, lost / max(len(good), 1), len(bad))
 
