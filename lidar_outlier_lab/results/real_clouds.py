@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.annotations import Progress
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.tuning.training import Training, read_training
 from lidar_outlier_lab.results.contest import Standing, score
 from lidar_outlier_lab.results.contest_page import details, leader
@@ -99,17 +96,11 @@ def _reaches(standing: Standing) -> bool:
 
 def recorded(path: Path, values: Mapping[str, object]) -> Training:
     """Read all clouds of a recording as good points."""
-    decoder = Decoder(FilterParameters().changed(values))
-    store = get_typestore(Stores.ROS2_JAZZY)
-    clouds = []
-    with Recording(path) as source:
-        for channel, _, data in source.messages():
-            if channel.msgtype == CLOUD:
-                points = decoder.decode(store.deserialize_cdr(data, channel.msgtype))
-                clouds.append(points.take(points.valid))
+    read = RecordedClouds(path, FilterParameters().changed(values))
+    clouds = tuple(taken.cloud.points for taken in read)
     count = sum(map(len, clouds))
     bad, stretch = np.zeros(count, np.bool_), np.zeros(count, np.int64)
-    return Training(tuple(clouds), bad, ~bad, stretch, 1)
+    return Training(clouds, bad, ~bad, stretch, 1)
 
 
 def _clean(folder: Path, progress: Progress) -> str:
