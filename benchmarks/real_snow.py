@@ -45,7 +45,7 @@ from lidar_outlier_lab.results.markdown import number, paragraphs, table, write 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from real_snow_sweeps import Cloud, Figures, Verdict
+    from real_snow_sweeps import Figures, Sweep, Verdict
 
     Judged = dict[str, Figures]  # by judge
     All = dict[str, Judged]  # by form
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> All:
 
 
 def verdicts(
-    clouds: Sequence[Cloud], judges: Sequence[str], network: Path | None
+    clouds: Sequence[Sweep], judges: Sequence[str], network: Path | None
 ) -> Iterator[tuple[str, Verdict]]:
     """Judge clouds of one form by the requested and available methods."""
     if DEFAULT in judges:

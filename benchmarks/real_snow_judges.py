@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from real_snow_sweeps import Cloud, Verdict
+from real_snow_sweeps import Sweep, Verdict
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation.confusion import curve
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_lab.results import peers
 
@@ -48,7 +49,7 @@ RADII = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5)  # metres; 0: neighbours do not ma
 SHARES = (0.004, 0.007, 0.01, 0.014, 0.02, 0.03)  # of the range
 
 
-def by_default(clouds: Sequence[Cloud]) -> Verdict:
+def by_default(clouds: Sequence[Sweep]) -> Verdict:
     """Judge clouds one after the other, as the node and `replay` do."""
     messages = [message(one) for one in clouds]
     filters = [CloudFilter(read_yaml(HESAI)) for _ in range(2)]
@@ -68,7 +69,7 @@ def by_default(clouds: Sequence[Cloud]) -> Verdict:
     return Verdict(rejected, seconds, '')
 
 
-def message(cloud: Cloud) -> NDArray[np.void]:
+def message(cloud: Sweep) -> NDArray[np.void]:
     """Lay out a cloud as Hesai's driver does, and number its points."""
     points = np.zeros(len(cloud), MESSAGE)
     for axis, column in zip('xyz', cloud.xyz.T, strict=True):
@@ -86,7 +87,7 @@ def load_network(path: Path) -> Any:
     return onnxruntime.InferenceSession(path.read_bytes(), providers=['CPUExecutionProvider'])
 
 
-def by_network(clouds: Sequence[Cloud], network: Any) -> Verdict:
+def by_network(clouds: Sequence[Sweep], network: Any) -> Verdict:
     """Judge each cloud alone by 3D-OutDet, all points of it, copies too, as in its training.
 
     Raisuddin, Cortinhal, Holmblad and Aksoy (2024); the network was trained on WADS.
@@ -96,7 +97,7 @@ def by_network(clouds: Sequence[Cloud], network: Any) -> Verdict:
     return Verdict(rejected, perf_counter() - begin, '')
 
 
-def _by_network(cloud: Cloud, network: Any) -> Bools:
+def _by_network(cloud: Sweep, network: Any) -> Bools:
     """Return which points it takes for snow."""
     given = np.column_stack([cloud.xyz, cloud.intensity]).astype(np.float64)
     distance, index = cKDTree(given[:, :3]).query(given[:, :3], NETWORK_NEIGHBOURS, workers=-1)
@@ -131,7 +132,7 @@ class Features(NamedTuple):
     splits: Ints
 
 
-def features(clouds: Sequence[Cloud]) -> Features:
+def features(clouds: Sequence[Sweep]) -> Features:
     """Measure all clouds."""
     begin = perf_counter()
     near, sor, lof = zip(*map(neighbours, clouds), strict=True)
@@ -150,9 +151,9 @@ def features(clouds: Sequence[Cloud]) -> Features:
     )
 
 
-def neighbours(cloud: Cloud) -> tuple[Singles, Singles, Singles]:
+def neighbours(cloud: Sweep) -> tuple[Singles, Singles, Singles]:
     """Return distances to the nearest points, SOR's and LOF's statistics; see ``Features``."""
-    own = np.flatnonzero(cloud.source == np.arange(len(cloud)))
+    own = np.flatnonzero(~cloud.copy)
     xyz = cloud.xyz[own].astype(np.float64)
     distance = peers.distances(xyz, NEIGHBOURS, workers=-1)
     mean = distance.mean(axis=1)
@@ -170,12 +171,9 @@ def f1(snow: Bools, rejected: Bools) -> float:
 
 def best_threshold(score: Singles, snow: Bools) -> float:
     """Return the threshold with the best F1, where points from it on are rejected."""
-    order = np.argsort(-score)
-    ranked = score[order]
-    found = np.cumsum(snow[order])
-    values = 2 * found / (np.arange(1, len(score) + 1) + found[-1])
-    values[:-1][ranked[1:] == ranked[:-1]] = -1.0  # equal scores are rejected together
-    return float(ranked[values.argmax()])
+    known = curve(snow, score)
+    f1s = known.found / (known.found + known.lost + known.found[-1])
+    return float(known.threshold[f1s.argmax()])
 
 
 def _scored(said: str, score: Callable[[Features], Singles]) -> Callable[[Features], Verdict]:

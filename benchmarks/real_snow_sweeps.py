@@ -12,6 +12,8 @@ the one that is nearer. Where a laser saw one return only, the second block has 
 
 # ruff: noqa: INP001  a part of a script, no package
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,36 +59,54 @@ class Rings(NamedTuple):
 
 @dataclass(frozen=True)
 class Sweep:
-    """The N points of a file, in their order.
+    """N points of a file, in their order: all of them, or as many as a judge is given.
 
     Attributes
     ----------
-    name : of the file
     xyz : (N, 3) float32, metres, as it is in the file
     intensity : (N,) float32
     label : (N,) uint16
     ring : (N,) uint16, from 0
     time : (N,) int64, nanoseconds
-    second : (N,) bool, whether it is of the second block of its shot
-    mate : (N,) int64, the index of the other return of the same shot and laser; -1: no other return
+    last : (N,) bool, whether it is the last return of its shot and laser
+    source : (N,) int64, the index of the point that it is a copy of; its own, if it is no copy
 
     """
 
-    name: str
     xyz: NDArray[np.float32]
     intensity: NDArray[np.float32]
     label: NDArray[np.uint16]
     ring: NDArray[np.uint16]
     time: Ints
-    second: Bools
-    mate: Ints
+    last: Bools
+    source: Ints
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.label)
 
     @property
     def copy(self) -> Bools:
         """Points of a second block that repeat the point of the first one, (N,) bool."""
-        same = (self.xyz == self.xyz[self.mate]).all(axis=1)
-        found: Bools = self.second & (self.mate >= 0) & same
+        found: Bools = self.source != np.arange(len(self))
         return found
+
+    @property
+    def snow(self) -> Bools:
+        """Whether a point is of falling snow."""
+        found: Bools = self.label == SNOW
+        return found
+
+    @property
+    def range(self) -> Floats:
+        """Distances from the sensor, metres."""
+        found: Floats = np.linalg.norm(self.xyz.astype(np.float64), axis=1)
+        return found
+
+    def take(self, given: Bools) -> Sweep:
+        """Choose points; of a copy, that which it is a copy of is chosen, too."""
+        some = {name: values[given] for name, values in vars(self).items()}
+        return Sweep(**some | {'source': (np.cumsum(given) - 1)[self.source[given]]})
 
 
 def read_rings(path: Path) -> Rings:
@@ -134,8 +154,10 @@ def read_sweep(path: Path, rings: Rings, begin: int = START) -> tuple[Sweep, int
     shot, second = find_shots(xyz, ring, rings)
     mate = find_mates(shot, ring, second)
     time = begin + shot * SHOT_TIME + rings.time[ring]
-    order = ring.astype(np.uint16)
-    sweep = Sweep(path.name, xyz, points[:, 3].copy(), label, order, time, second, mate)
+    copy = second & (mate >= 0) & (xyz == xyz[mate]).all(axis=1)
+    source, order = np.where(copy, mate, np.arange(len(mate))), ring.astype(np.uint16)
+    last = ~second | (mate < 0)
+    sweep = Sweep(xyz, points[:, 3].copy(), label, order, time, last, source)
     return sweep, int(shot[-1] + 1) * SHOT_TIME if len(shot) else TURN
 
 
@@ -199,74 +221,16 @@ def find_mates(shot: Ints, ring: Ints, second: Bools) -> Ints:
     return mate
 
 
-@dataclass(frozen=True)
-class Cloud:
-    """A sweep of N points as a judge is given it.
-
-    Attributes
-    ----------
-    name : of the sweep
-    xyz : (N, 3) float32, metres
-    intensity, label : (N,)
-    ring, time : (N,), nanoseconds
-    source : (N,) int64, the index of the point that it is a copy of; its own, if it is no copy
-
-    """
-
-    name: str
-    xyz: NDArray[np.float32]
-    intensity: NDArray[np.float32]
-    label: NDArray[np.uint16]
-    ring: NDArray[np.uint16]
-    time: Ints
-    source: Ints
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return len(self.label)
-
-    @property
-    def snow(self) -> Bools:
-        """Whether a point is of falling snow."""
-        found: Bools = self.label == SNOW
-        return found
-
-    @property
-    def range(self) -> Floats:
-        """Distances from the sensor, metres."""
-        found: Floats = np.linalg.norm(self.xyz.astype(np.float64), axis=1)
-        return found
-
-
-def _all(sweep: Sweep) -> Bools:
-    return np.ones(len(sweep.label), np.bool_)
-
-
-def _last(sweep: Sweep) -> Bools:
-    return ~sweep.second | (sweep.mate < 0)
-
-
 # What is given to a judge: a title, and the points of a sweep.
 FORMS: dict[str, tuple[str, Callable[[Sweep], Bools]]] = {
-    'both': ('both returns, with copies', _all),
-    'last': ('last return', _last),
+    'both': ('both returns, with copies', lambda sweep: np.ones(len(sweep), np.bool_)),
+    'last': ('last return', lambda sweep: sweep.last),
 }
 
 
-def cloud(sweep: Sweep, form: str) -> Cloud:
+def cloud(sweep: Sweep, form: str) -> Sweep:
     """Give a sweep a form."""
-    given = FORMS[form][1](sweep)
-    where = np.flatnonzero(given)
-    source = (np.cumsum(given) - 1)[np.where(sweep.copy, sweep.mate, np.arange(len(given)))[where]]
-    return Cloud(
-        sweep.name,
-        sweep.xyz[where],
-        sweep.intensity[where],
-        sweep.label[where],
-        sweep.ring[where],
-        sweep.time[where],
-        source,
-    )
+    return sweep.take(FORMS[form][1](sweep))
 
 
 class Verdict(NamedTuple):
@@ -308,7 +272,7 @@ class Figures:
         return self.whole.total / self.seconds / 1e6
 
 
-def count(clouds: Sequence[Cloud], verdict: Verdict) -> Figures:
+def count(clouds: Sequence[Sweep], verdict: Verdict) -> Figures:
     """Count what a verdict does to clouds of the same order."""
     label = np.concatenate([one.label for one in clouds])
     rejected = np.concatenate(verdict.rejected)
