@@ -179,11 +179,9 @@ def _onto(options: argparse.Namespace) -> int:
 
 def _table(points: int, outliers: int, causes: Mapping[Cause, int]) -> Table:
     """Lay out what a recording holds."""
-    from rich.table import Table
+    from lidar_outlier_filter.evaluation.report import number_table
 
-    table = Table('', 'points', '')
-    for column in table.columns[1:]:
-        column.justify = 'right'
+    table = number_table('', 'points', '')
     rows = {'all': points, 'outliers': outliers}
     bad = {cause: count for cause, count in causes.items() if cause and count}
     rows |= {f'  {cause.name.lower().replace("_", " ")}': count for cause, count in bad.items()}

@@ -163,11 +163,9 @@ def _check_alone(options: argparse.Namespace, name: str) -> None:
 
 def _table(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> Table:
     """Lay out figures of what was left out: a name, and numbers to its right."""
-    from rich.table import Table
+    from lidar_outlier_filter.evaluation.report import number_table
 
-    table = Table(head[0], box=None)
-    for name in head[1:]:
-        table.add_column(name, justify='right')
+    table = number_table(*head)
     for name, figures in rows.items():
         table.add_row(name, *figures)
     return table

@@ -20,7 +20,7 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, joined_clouds
 from lidar_outlier_filter.evaluation.labels import CloudLabels
-from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, percent
+from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, number_table, percent
 from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
@@ -211,9 +211,7 @@ def _list(console: Console, output: Path) -> None:
 def summary(results: Mapping[str, Evaluation]) -> Table:
     """Lay out several runs on the same recording beside each other, one column each."""
     runs = list(results.values())
-    table = Table('', title_justify='left', box=None, pad_edge=False, header_style='bold')
-    for name in results:
-        table.add_column(name, justify='right')
+    table = number_table('', *results)
     for name, figures in (
         ('precision', [run.whole.precision.ratio for run in runs]),
         ('recall', [run.whole.recall.ratio for run in runs]),
