@@ -66,9 +66,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert 'papers written to' in capsys.readouterr().out
 
 
-# Sotoodeh -----------------------------------------------------------------------------------------
-
-
 # Kang ---------------------------------------------------------------------------------------------
 
 

@@ -47,12 +47,8 @@ def test_errors_come_behind_the_points() -> None:
 
 def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
     """The same scenes give the same bytes, which say what they saw."""
-    first, second = (
-        train_in_folds(
-            [see(one) for one in walls], RECIPE._replace(rounds=(4, 4)), {'about': 'a test'}
-        )
-        for _ in range(2)
-    )
+    scenes, few = [see(one) for one in walls], RECIPE._replace(rounds=(4, 4))
+    first, second = (train_in_folds(scenes, few, {'about': 'a test'}) for _ in range(2))
     assert first.text == second.text
     data = json.loads(first.text)
     assert data['uses'] == list(NAMES[SURVEY_MODEL][1])
