@@ -171,13 +171,13 @@ ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def asphalt(noise: float, side: int = SIDE) -> Asphalt:
+def asphalt(noise: float) -> Asphalt:
     """Scan a flat strip, with an outlier of ``HEIGHT`` in the middle of every ``EVERY`` points."""
     rng = np.random.default_rng(1)
-    cell = np.mgrid[:side, :side].reshape(2, -1)
+    cell = np.mgrid[:SIDE, :SIDE].reshape(2, -1)
     xy = STEP * (cell + rng.uniform(-0.2, 0.2, cell.shape))
     bad = (cell % EVERY == EVERY // 2).all(axis=0)
-    z = rng.normal(0.0, noise, side * side) + HEIGHT * bad
+    z = rng.normal(0.0, noise, SIDE * SIDE) + HEIGHT * bad
     return Asphalt(np.stack([*xy, z], axis=1), bad)
 
 

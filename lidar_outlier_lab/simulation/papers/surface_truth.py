@@ -56,10 +56,10 @@ class City(NamedTuple):
         return self.residual > self.limit
 
 
-def city(seed: int, how: Flight = CITY) -> City:
+def city(seed: int) -> City:
     """Scan a city, match a surface model, and measure every point against it."""
-    rng = np.random.default_rng([seed, how.lines])
-    flown = fly(how, rng, LEAVES)
+    rng = np.random.default_rng([seed, CITY.lines])
+    flown = fly(CITY, rng, LEAVES)
     xyz = (flown.origin + flown.distance * flown.direction).T
     xyz += NOISE / np.sqrt(3.0) * rng.standard_normal(xyz.shape)
     land = flown.land

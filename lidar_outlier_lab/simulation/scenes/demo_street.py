@@ -96,14 +96,14 @@ def _exhaust(x: float, y: float) -> tuple[Puff, ...]:
     )
 
 
-def demo_drive(seed: int = 1) -> Drive:
+def demo_drive() -> Drive:
     """Drive four seconds through the street: 800 scan lines, about half a million points."""
-    return Drive(street(), lines=800, seed=seed)
+    return Drive(street(), lines=800)
 
 
-def snow_drive(seed: int = 1) -> Drive:
+def snow_drive() -> Drive:
     """Turn three times, 0.3 s, on the same street in snow, behind a car that whirls it up."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     things = [thing for thing in street().surfaces if thing.cause != Cause.BARRIER]
     things += car(18.0, -1.6, rng, (8.0, 0.0, 0.0))
     things += car(30.0, 1.6, rng, (-7.0, 0.0, 0.0))
@@ -117,17 +117,15 @@ def snow_drive(seed: int = 1) -> Drive:
         sensor=SpinningScanner(elevation=rings(-25.0, 15.0, 32), columns=1024, column_time=97_664),
         trajectory=Trajectory(start=(5.0, -1.6), mount=(0.0, 0.0, 2.0)),
         disturbances=DRY,
-        seed=seed,
         in_own_frame=True,
     )
 
 
-def demo_sweeps(count: int, columns: int, turns: int = 1, seed: int = 1) -> Drive:
-    """Turn on the same street in dry air, with so many rings and columns, ten times per second."""
+def demo_sweeps(count: int, columns: int) -> Drive:
+    """Turn once, 0.1 s, on the same street in dry air, with so many rings and columns."""
     column_time = TURN // (columns * count) * count  # all rings take equally long
     sensor = SpinningScanner(
         elevation=rings(-25.0, 15.0, count), columns=columns, column_time=column_time
     )
-    drive = snow_drive(seed)
-    scene = Scene(drive.scene.surfaces)
-    return replace(drive, scene=scene, sensor=sensor, lines=turns)
+    drive = snow_drive()
+    return replace(drive, scene=Scene(drive.scene.surfaces), sensor=sensor, lines=1)

@@ -33,6 +33,7 @@ VOXEL = 0.2  # metres
 FARTHEST = 12.0  # metres up to which what is everywhere sends back echoes that count
 STEP = 1.0  # metres: cells of what is beyond, which only takes light
 MAX_STEPS = 128  # up to a surface, however far
+DRIFT = 0.15  # standard deviation of how far a plume strays, per metre
 
 
 @dataclass(frozen=True)
@@ -247,15 +248,14 @@ def trail(  # noqa: PLR0913  what makes a plume
     rng: np.random.Generator,
     width: float = 0.25,
     growth: float = 0.12,
-    drift: float = 0.15,
 ) -> tuple[PlumePuff, ...]:
     """Put puffs behind a wheel, a pipe or a vehicle, wider and thinner as they are left behind.
 
-    ``heading`` (rad) is where the plume goes; ``drift`` by how much it strays, per metre.
+    ``heading`` (rad) is where the plume goes; it strays by ``DRIFT`` per metre.
     """
     count = max(int(length / 0.7), 1)
     puffs = []
-    aside = drift * rng.standard_normal()
+    aside = DRIFT * rng.standard_normal()
     for number in range(count):
         way = length * (number + 0.5) / count
         size = width + growth * way

@@ -42,7 +42,7 @@ class Puff:
         if drift.any():
             rays = type(rays)(rays.origin - drift[:, :, None], rays.direction, rays.t, rays.reach)
         far = np.full(len(reach), np.inf)
-        near = towards(rays, (np.array(self.centre), 4.0 * max(self.size)))
+        near = towards(rays, np.array(self.centre), 4.0 * max(self.size))
         origin, direction = rays.origin[:, near, 0], rays.direction[:, near, 0]
         far[near] = self._meet(origin, direction, reach[near], rng[near])
         return far

@@ -123,11 +123,8 @@ class Scene:
         return Hits(*caster.cast(self.table, origin, direction, rays.t, rays.reach))
 
 
-def towards(rays: Rays, sphere: tuple[Floats, float] | None) -> NDArray[np.intp]:
-    """Index the bundles that may meet something inside the ball; None: all of them."""
-    if sphere is None:
-        return np.arange(rays.direction.shape[1])
-    centre, radius = sphere
+def towards(rays: Rays, centre: Floats, radius: float) -> NDArray[np.intp]:
+    """Index the bundles that may meet something inside a ball."""
     gap = centre[:, None] - rays.origin[:, :, 0]
     along = (gap * rays.direction[:, :, 0]).sum(axis=0)
     aside = (gap * gap).sum(axis=0) - along * along
