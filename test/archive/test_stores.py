@@ -22,13 +22,14 @@ from lidar_outlier_filter.recordings.bags import Recording
 
 Capture = pytest.CaptureFixture[str]
 
-NAMES = ('a', 'b', 'c')
+NAMES = ('a', 'b')
 ALL = 's3://cleaned/all'
+SCORED = '--set=scores=true'
 
 
 @pytest.fixture(scope='module')
 def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write three recordings here."""
+    """Write two recordings here."""
     folder = tmp_path_factory.mktemp('drives')
     for number, name in enumerate(NAMES):
         write_drive(folder / name, 6, seed=number)
@@ -36,11 +37,12 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Replay them to this machine."""
-    folder = tmp_path_factory.mktemp('expected')
-    assert main(replaying(drives, folder / 'out')) == 0
-    return content(folder / 'out')
+def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, bytes]]:
+    """Replay them to this machine, without scores and with them."""
+    folders = [tmp_path_factory.mktemp(name) for name in ('plain', 'scored')]
+    for folder, options in zip(folders, ([], [SCORED]), strict=True):
+        assert main(replaying(drives, folder / 'out', *options)) == 0
+    return [content(folder / 'out') for folder in folders]
 
 
 @pytest.fixture(scope='module')
@@ -81,11 +83,11 @@ def stored(store: Store) -> dict[str, bytes]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings('ignore:.*:ResourceWarning')
 @pytest.mark.parametrize('jobs', ['1', '2'])
-def test_from_store_to_store(store: Store, expected: dict[str, bytes], jobs: str) -> None:
+def test_from_store_to_store(store: Store, expected: list[dict[str, bytes]], jobs: str) -> None:
     """The bytes are those of a replay here; each output comes whole, its sidecar after it."""
     before = len(store.requests.lines)
     assert main(words('--jobs', jobs)) == 0
-    assert stored(store) == expected
+    assert stored(store) == expected[0]
     assert store.uploads('cleaned') == []
     assert not [key for key in store.keys('cleaned') if '/.' in key]
     lines = store.requests.lines[before:]
@@ -111,7 +113,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
     keys, before = store.keys('cleaned'), len(store.requests.lines)
     capsys.readouterr()
     assert main(words()) == 0
-    assert '0 replayed, 3 done before, 0 failed' in capsys.readouterr().out
+    assert '0 replayed, 2 done before, 0 failed' in capsys.readouterr().out
     lines = store.requests.lines[before:]
     assert len(lines) <= 25 * len(NAMES)
     assert not [one for one in lines if one.startswith('GET') and '.mcap' in one]
@@ -120,7 +122,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
     store.put('s3://drives/in/a/a.mcap', (drives / 'b' / 'b.mcap').read_bytes())
     try:
         main(words())
-        assert '1 replayed, 2 done before' in capsys.readouterr().out
+        assert '1 replayed, 1 done before' in capsys.readouterr().out
     finally:
         put(store, drives, 's3://drives/in')
 
@@ -135,7 +137,7 @@ def test_a_foreign_object_is_refused(
         assert main(words()) == 0
     store.put(f'{ALL}/{name}', b'mine')
     capsys.readouterr()
-    for options in ([], ['--set=scores=true']):
+    for options in ([], [SCORED]):
         assert main(words(*options)) in (1, 3)
         assert f'{ALL}/{name}, which exists' in capsys.readouterr().err
         assert store.get(f'{ALL}/{name}') == b'mine'
@@ -148,13 +150,13 @@ class KilledError(BaseException):
 STEPS = [(publish, 'write'), (publish, 'remove'), (None, 'commit')]
 
 
-@pytest.mark.parametrize('options', [[], ['--set=scores=true']])
+@pytest.mark.slow
+@pytest.mark.parametrize('options', [[], [SCORED]], ids=['new', 'scored'])
 @pytest.mark.parametrize('step', STEPS, ids=lambda step: step[1])
 @pytest.mark.parametrize('last', [1, 2])
 def test_killed_runs(  # noqa: PLR0913  fixtures
     store: Store,
-    drives: Path,
-    tmp_path: Path,
+    expected: list[dict[str, bytes]],
     monkeypatch: pytest.MonkeyPatch,
     options: list[str],
     step: tuple[Any, str],
@@ -178,8 +180,7 @@ def test_killed_runs(  # noqa: PLR0913  fixtures
         with nullcontext() if name == 'remove' and not options else pytest.raises(KilledError):
             main(words(*options))
     assert main(words(*options)) == 0
-    assert main(replaying(drives, tmp_path / 'out', *options)) == 0
-    assert stored(store) == content(tmp_path / 'out')
+    assert stored(store) == expected[len(options)]
     assert not [key for key in store.keys('cleaned') if '/.' in key]
     assert len(read_folder(path_at(ALL))) == len(NAMES)
 
@@ -201,7 +202,7 @@ def test_an_upload_that_fails_is_given_up(
 
 
 def test_two_runs_at_once(
-    store: Store, expected: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+    store: Store, expected: list[dict[str, bytes]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The outputs of a run that was faster are taken; both end well."""
     known = publish.publish
@@ -212,7 +213,7 @@ def test_two_runs_at_once(
 
     monkeypatch.setattr(run, 'publish', twice)
     assert main(words()) == 0
-    assert stored(store) == expected
+    assert stored(store) == expected[0]
     assert not [key for key in store.keys('cleaned') if '/.' in key]
 
 
