@@ -3,7 +3,7 @@
 """Give outputs their names, whole and at the end, and replace only unchanged outputs of a run.
 
 Outputs are built in a hidden folder; on S3 their parts are uploaded first. Then older outputs lose
-their names, the sidecar is written, and the new outputs get theirs. So the sidecar knows whatever
+their names, the sidecar gets its own, and the new outputs get theirs. So the sidecar knows whatever
 a killed run named.
 """
 
@@ -172,8 +172,7 @@ def publish(
             if not _is_begun(now.noted, record):
                 if now.noted != before.noted:
                     raise foreign(task.sidecar)
-                _remove_older(task, built, now)
-                write(task.sidecar, sidecar.as_text(record, log), built, is_new=True)
+                _replace_older(task, built, now, sidecar.as_text(record, log))
             if isinstance(task.folder, Path):
                 _rename(task, built, undo)
             else:
@@ -243,29 +242,36 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
     return files
 
 
-def _remove_older(task: Task, built: Path, now: FoundOutputs) -> None:
-    """Remove older outputs, and behind them their sidecar: it knows those that a kill leaves."""
-    if now.noted is None:
-        return
+def _replace_older(task: Task, built: Path, now: FoundOutputs, text: str) -> None:
+    """Replace older outputs by a sidecar; put all back if that fails, except on a store.
+
+    Their own sidecar goes last: it knows those that a kill leaves.
+    """
     if not isinstance(task.folder, Path):
         for path in now.files.values():
             remove(path)
+        write(task.sidecar, text, built)
         return
-    (built / 'older').mkdir()
-    with writable(built):
+    new, marks = Path(str(task.sidecar)), now.noted.outputs if now.noted else {}
+    write(built / new.name, text, built)  # a full disk refuses it before anything is moved
+    with writable(built), ExitStack() as undo:
+        (built / 'older').mkdir()
         for name, path in zip(task.names, task.outputs, strict=True):
-            hidden = built / 'older' / path.name
-            if isinstance(path, Path) and any(f'{k}/'.startswith(f'{name}/') for k in now.files):
-                path.rename(hidden)
-                marks, moved = now.noted.outputs, _files_at(hidden, name)
+            if any(f'{known}/'.startswith(f'{name}/') for known in now.files):
+                moved = _files_at(_hide(path, built, undo), name)
                 if not all(key in marks and agrees(moved[key], marks[key]) for key in moved):
-                    _put_back(hidden, path)  # it changed in this moment
-                    raise foreign(path)
-        hidden = built / 'older' / task.sidecar.name
-        Path(str(task.sidecar)).rename(hidden)
-        if sidecar.read(hidden) != now.noted:
-            _put_back(hidden, Path(str(task.sidecar)))
-            raise foreign(task.sidecar)
+                    raise foreign(path)  # it changed in this moment
+        if now.noted and sidecar.read(_hide(new, built, undo)) != now.noted:
+            raise foreign(new)
+        new.parent.mkdir(parents=True, exist_ok=True)
+        publish_all([built / new.name], [new])
+        undo.pop_all()
+
+
+def _hide(path: RecordingPath, built: Path, undo: ExitStack) -> Path:
+    hidden = Path(str(path)).rename(built / 'older' / path.name)
+    undo.callback(_put_back, hidden, Path(str(path)))
+    return hidden
 
 
 def _rename(task: Task, built: Path, undo: ExitStack) -> None:

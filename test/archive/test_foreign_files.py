@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.archives import command_of, content, hidden, tree
+from helpers.archives import command_of, content, hidden, records, tree
 
 from lidar_outlier_filter.archive import publish, run
 from lidar_outlier_filter.archive.jobs import Task
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.disk.new_files import publish_all
 
 Capture = pytest.CaptureFixture[str]
 Words = Callable[..., list[str]]
@@ -170,12 +171,13 @@ def test_what_comes_while_a_run_works_stays(
     assert not hidden(OUT)
 
 
+def full(*_: object) -> None:
+    """Fail as on a full disk."""
+    raise OSError(errno.ENOSPC, 'No space left on device')
+
+
 def test_a_full_disk(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     """Where the sidecar cannot be written there is a sentence; the next run does it all."""
-
-    def full(_number: int) -> None:
-        raise OSError(errno.ENOSPC, 'No space left on device')
-
     with monkeypatch.context() as patch:
         patch.setattr(os, 'fsync', full)
         assert main(words) == 1
@@ -184,6 +186,27 @@ def test_a_full_disk(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: 
     assert not content(OUT)
     assert not hidden(OUT)
     assert main(words) == 0
+
+
+@pytest.mark.parametrize('step', ['write', 'rename'])
+def test_older_outputs_stay(words: list[str], monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+    """Where the new sidecar cannot be written, or cannot get its name, nothing has changed."""
+
+    def refuse(hidden: list[Path], paths: list[Path]) -> None:
+        if paths[0].suffix == '.json' and hidden[0].parent.name != 'older':
+            full()
+        publish_all(hidden, paths)
+
+    assert main(words) == 0
+    before = content(OUT), records(OUT)
+    with monkeypatch.context() as patch:
+        if step == 'write':
+            patch.setattr(os, 'fsync', full)
+        else:
+            patch.setattr(publish, 'publish_all', refuse)
+        assert main([*words, '--set=scores=true']) in {1, 3}
+    assert (content(OUT), records(OUT)) == before
+    assert not hidden(OUT)
 
 
 def test_what_a_sidecar_says(words: list[str]) -> None:
