@@ -56,7 +56,7 @@ def add_replay(commands: Commands) -> None:
         'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused '
         '(or every cloud was), nothing is written; 3 written, but clouds or recordings '
         'were refused and have no output, no point of a topic could be tested, or part of a '
-        'damaged recording is lost. Recordings without clouds are not counted.',
+        'damaged recording is lost. Recordings without clouds are ignored.',
         epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
         "  lidar-outlier-filter replay 'drives/*' --output cleaned --set chain=[lof,sor]",
     )

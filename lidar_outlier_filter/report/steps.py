@@ -250,7 +250,7 @@ class ScoreCounts(RowCounts):
     Attributes
     ----------
     uncertain : (L,) bool
-        Limits that are as close to a score as rounding.
+        Limits within rounding error of a score.
 
     """
 

@@ -68,8 +68,8 @@ def add_results(commands: Commands) -> None:
         type=int,
         default=1,
         metavar='N',
-        help='N seeds for all detectors; the rest: default, forms of sor, other '
-        'programs, on presets with an F1 target; default: 1',
+        help='all detectors run on N seeds; on others only default chain, sor and '
+        'peers, on presets with a target; default: 1',
     )
     parser.add_argument(
         '--quick',

@@ -168,8 +168,8 @@ def _beyond(values: Floats, gap: float) -> Floats:
 def body(elevation: Floats, gap: float) -> tuple[float, float]:
     """Return the lowest and the highest elevation between the gaps, metres.
 
-    On each side the innermost empty range wider than ``gap`` counts that has at most ``SHARE`` of
-    the points, or one, beyond it. One or two points have no gap; nor has a cloud if ``gap`` is 0.
+    Each side is cut at the innermost empty range wider than ``gap`` with at most ``SHARE`` of the
+    points, or one, beyond it. One or two points have no gap; nor has a cloud if ``gap`` is 0.
 
     """
     count = len(elevation)

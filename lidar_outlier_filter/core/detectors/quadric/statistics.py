@@ -68,7 +68,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     A point outside the fit has the variance of a prediction, and its T is distributed as t(f), with
     the f degrees of freedom of the fit. A point in the fit has its own part in σ̂0; that is taken
     out, which leaves t(f - 1): the test does not depend on whether a point is in. The paper leaves
-    it in, which no lone outlier among thirty points fails. Nor is it taken out if σ̂0 is held.
+    it in: a lone outlier among thirty then passes. It stays in, too, if a surface limits σ̂0.
     """
     squares, freedom = _squares(window, n, size, growth)
     if freedom < 2:  # noqa: PLR2004  one is left without the point itself
