@@ -193,7 +193,7 @@ def test_off_by_default() -> None:
     """Without the option nothing is served; with it the log names the address once."""
     command = ('-m', 'lidar_outlier_filter.cli.node')
     with Program(*command, '--lifecycle', env=environment()) as node:
-        node.wait_for('managed: waits')
+        node.wait_for('managed node: waiting')
         node.signal(2)
         assert node.wait() == 0
         assert not any('page: ' in line for line in node.output)
@@ -201,7 +201,7 @@ def test_off_by_default() -> None:
         line = node.wait_for('page: ')
         found = re.search(r'http://127\.0\.0\.1:(\d+)/\?token=[\w-]{32}$', line)
         assert found is not None
-        node.wait_for('managed: waits')
+        node.wait_for('managed node: waiting')
         node.signal(2)
         assert node.wait() == 0
         assert sum('token' in line for line in node.output) == 1
