@@ -24,9 +24,6 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
-from lidar_outlier_filter.core.neighbours.floor import count_low
-from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build
-from lidar_outlier_filter.core.points.mask import MaskLearner
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import Track
 from lidar_outlier_filter.core.scan_pattern import recovered_rings
@@ -89,9 +86,6 @@ def make_ready(
     compile_watch()
     Track.compile()
     recovered_rings.compile_kernels()
-    build(np.zeros((SUBTREE + 1, 3)))  # a large cloud
-    count_low(_turns().xyz, np.arange(COUNT))  # of a file
-    MaskLearner(1.0).add(_turns())
     chain = Chain(parameters)
     for points in (points for sensor in sensors for points in _samples(sensor)):
         chain.judge(points)

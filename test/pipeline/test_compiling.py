@@ -18,8 +18,6 @@ from lidar_outlier_filter.cli.compile import _requested
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.kernels import listeners
-from lidar_outlier_filter.core.neighbours import floor, tree_build
-from lidar_outlier_filter.core.points import mask
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 from lidar_outlier_filter.pipeline import compiling
@@ -29,7 +27,6 @@ from lidar_outlier_filter.pipeline.compiling import (
     Processes,
     is_ready,
     kernels_of,
-    make_ready,
     shares,
 )
 
@@ -187,13 +184,6 @@ def test_surveys_are_compiled_once() -> None:
     survey = parameters('boosted_trees', **{'boosted_trees.sensor': 'survey'})
     assert [share.sensors for share in shares(survey)] == [SENSORS]
     assert survey in _requested(None, portable=False)
-
-
-def test_large_clouds_files_and_masks_are_compiled() -> None:
-    """A wheel brings the kernels that no small cloud of a stream runs."""
-    make_ready(parameters('alpha_beta_gamma'))
-    kernels: list[Any] = [tree_build._halve, floor._count_low, mask._columns_and_ranges]
-    assert all(kernel.signatures for kernel in kernels)
 
 
 def test_a_wheel_brings_all_detectors() -> None:
