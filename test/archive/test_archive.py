@@ -281,7 +281,8 @@ def test_names_that_are_no_text(capsys: Capture) -> None:
     status = run_on()
     printed = capsys.readouterr()
     assert 'Traceback' not in printed.err
-    assert {'first', 'tuesday/second.mcap'} <= set(records(OUT))
+    assert (OUT / 'tuesday' / 'second').is_dir()
+    assert 'first' in records(OUT)
     assert status == (0 if name in records(OUT) else 3)
     assert r'caf\udce9' in (OUT / 'archive.html').read_text('utf-8')
 

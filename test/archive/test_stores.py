@@ -22,14 +22,14 @@ from lidar_outlier_filter.recordings.bags import Recording
 
 Capture = pytest.CaptureFixture[str]
 
-NAMES = ('a', 'b')
+NAMES = ('a', 'b', 'c')
 ALL = 's3://cleaned/all'
 SCORED = '--set=scores=true'
 
 
 @pytest.fixture(scope='module')
 def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write two recordings here."""
+    """Write three recordings here."""
     folder = tmp_path_factory.mktemp('drives')
     for number, name in enumerate(NAMES):
         write_drive(folder / name, 6, seed=number)
@@ -113,7 +113,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
     keys, before = store.keys('cleaned'), len(store.requests.lines)
     capsys.readouterr()
     assert main(words()) == 0
-    assert '0 replayed, 2 done before, 0 failed' in capsys.readouterr().out
+    assert '0 replayed, 3 done before, 0 failed' in capsys.readouterr().out
     lines = store.requests.lines[before:]
     assert len(lines) <= 25 * len(NAMES)
     assert not [one for one in lines if one.startswith('GET') and '.mcap' in one]
@@ -122,7 +122,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
     store.put('s3://drives/in/a/a.mcap', (drives / 'b' / 'b.mcap').read_bytes())
     try:
         main(words())
-        assert '1 replayed, 1 done before' in capsys.readouterr().out
+        assert '1 replayed, 2 done before' in capsys.readouterr().out
     finally:
         put(store, drives, 's3://drives/in')
 

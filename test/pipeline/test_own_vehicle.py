@@ -110,7 +110,8 @@ def test_arrays_need_the_ring(mask: str) -> None:
     given = {'chain': ['sor'], 'mask': mask}
     verdict = detect_outliers(xyz, line=rows['ring'], parameters=given)
     assert verdict.masked.tolist() == (rows['own'] == 1).tolist()
-    with pytest.raises(CloudError, match='line must be the ring of each point'):
+    said = 'line must be the ring of each point if mask is set, got none'
+    with pytest.raises(CloudError, match=said):
         detect_outliers(xyz, parameters=given)
     with pytest.raises(CloudError, match='the rings of the sensor, by a field or by rows'):
         detect_outliers(_bare(rows), parameters=given)

@@ -38,7 +38,7 @@ def test_a_topic_that_all_would_share(topics: list[str]) -> None:
 @pytest.mark.parametrize('text', ['left,left', 'left,/left', 'left,', ','])
 def test_namespaces_that_are_not_different(text: str) -> None:
     """Two nodes of one name would receive each other's requests."""
-    with pytest.raises(ParameterError, match=r'^namespace must be different names, comma'):
+    with pytest.raises(ParameterError, match=r'^namespace must be different names, comma-s'):
         split_namespaces(text, ['points'])
 
 

@@ -128,7 +128,9 @@ def test_how_late_a_cloud_is() -> None:
         made.push(points_at([BLOCK]))
 
 
-@pytest.mark.parametrize(('span', 'says'), [(BLOCK // 4, 'each message'), (9, 'messages are')])
+@pytest.mark.parametrize(
+    ('span', 'says'), [(BLOCK // 4, 'each message is one'), (9, 'messages are judged in')]
+)
 def test_what_blocks_auto_has_chosen(span: int, says: str) -> None:
     """Said once; a refused message decides nothing; a new stream chooses anew."""
     made, _ = stream(blocks='auto', max_points=6)
