@@ -218,9 +218,7 @@ class Decoder:
                 )
                 raise CloudError('the time field', must_be, f'the fields {names}')
             rate = parameters.points_per_second
-            missing.append(
-                f'no time field: the order of the points counts, at points_per_second {rate:g}'
-            )
+            missing.append(f'no time field: times follow from points_per_second {rate:g}')
         else:
             values = np.abs(_column(view, time_field)[valid].astype(np.float64))
             is_final = 'auto' not in {unit, parameters.time_reference} or bool(values.any())

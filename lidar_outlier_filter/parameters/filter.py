@@ -93,7 +93,8 @@ class FilterParameters:
     )
     time_jump: float = declare(
         1.0,
-        'A larger backward jump of the clock resets the stream; a smaller one refuses clouds.',
+        'A larger backward jump of sensor time resets the stream; a smaller one refuses clouds. '
+        'Any backward jump of /clock resets it.',
         's',
         0.0,
         1e9,

@@ -39,8 +39,7 @@ class CloudFilter(Pipeline):
     parameters : mapping of flat names to values, or FilterParameters; optional
         All others have their defaults.
     inform, warn : callable, optional
-        Called once with a sentence on how the clouds are read and judged, or on missing
-        fields.
+        Called with sentences, each once, on how clouds are read and judged, or on missing fields.
     chain : str or sequence of str, optional
         The detectors, in the order in which they run; short for ``chain`` in ``parameters``.
 

@@ -46,7 +46,7 @@ class PoseSource(Protocol):
     def reset(self) -> None:
         """Forget all poses, because the clock of the points was set back.
 
-        Poses that were reset already are kept: their clock may be set back first.
+        If their own clock was set back first, the poses since then are kept.
         """
 
 

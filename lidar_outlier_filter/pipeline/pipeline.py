@@ -67,7 +67,7 @@ class Pipeline:
     ----------
     parameters : FilterParameters
     inform, warn : callable, optional
-        Called once with a sentence that says how clouds are read and judged, and what they lack.
+        Called with sentences, each once, on how clouds are read and judged, and what they lack.
     motion : PoseSource, optional
         With it points are moved to a fixed frame before they are judged.
     compiles : bool, optional
@@ -182,7 +182,7 @@ class Pipeline:
         return self._split()
 
     def advance(self) -> list[SplitCloud]:
-        """Return the clouds that new poses, or a refused cloud, have completed."""
+        """Return the clouds completed by new poses, or by the time of a refused cloud."""
         self._judge(self._queue.ready())
         return self._split()
 

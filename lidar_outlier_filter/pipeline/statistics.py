@@ -40,7 +40,7 @@ class Statistics:
     untested : valid points that no detector could test; they stay too
     rejected : points by the detector that rejected them; points on the own vehicle by ``mask``
     reasons : points by the feature that counted most against them, where scores are published
-    undecided : points by the detector that judged them and could not test them
+    undecided : points by the detector that could not test them
     outliers : points in the outlier clouds
     bypassed : clouds that were not filtered, by reason; their points are counted as points only
     degraded : clouds that came while only line detectors judged
@@ -48,7 +48,7 @@ class Statistics:
     poses : poses refused, by reason
     without_pose : clouds with points that were judged in their own frame, without poses
     resets : times the clock was set back
-    passes : maximum repetitions of a block, each without rejected points
+    passes : maximum passes over a block, each without the points rejected before
     failures : blocks that a detector raised an error in
     methods : blocks by method of the default
 

@@ -160,8 +160,8 @@ class SensorWatch:
     def _visibility(self, steps: Floats, open_: Bools) -> float:
         """Estimate the visibility from the range at which surfaces vanish.
 
-        In clear air the usual surface is seen up to a range. In fog it is seen up to where its echo
-        is as weak: it falls with the square of the range, and with the extinction on both ways.
+        Surfaces vanish where their echo is too weak. An echo weakens with the square of the range;
+        fog weakens it further both ways, so that they vanish nearer.
         """
         if self._samples < MIN_SAMPLES or not steps.any():
             return math.nan

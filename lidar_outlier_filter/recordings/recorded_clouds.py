@@ -38,7 +38,7 @@ class RecordedCloud:
     msg : the message
     number : of the cloud in its topic, from 0
     eye : (M, 4, 3) float64 or None
-        Where the sensor was at the time of each valid point, and what lay 1 m off on each of its
+        Position of the sensor at the time of each valid point, and the positions 1 m along its
         axes, if points were moved. Of the first moved point, if only the path is requested.
 
     """

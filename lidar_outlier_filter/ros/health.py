@@ -226,7 +226,7 @@ class _Sample:
         return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
-        """Return the share of the points published since the last sample; 0 of none."""
+        """Return a count ÷ the points, both since the last sample; 0 without points."""
         return self.since(name) / max(self.since('points'), 1)
 
     def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:

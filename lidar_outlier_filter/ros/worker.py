@@ -142,7 +142,7 @@ class Worker:
             self.inbox.wake()
 
     def _went_back(self) -> None:
-        """Reset behind the clouds that wait."""
+        """Reset after the pending clouds."""
         self.inbox.received_now(self.clock.now())
         self.inbox.order(self._reset, in_turn=True)
 
@@ -232,7 +232,7 @@ class Worker:
         return treatment
 
     def _reset(self) -> None:
-        """Reset after the clock went back, unless the clouds have shown that already."""
+        """Reset after the clock went back, unless the times of clouds have just caused one."""
         since = (self.clock.steady_now() - self._set_back_at) / SECOND
         if since > self._parameters.time_jump:
             self._publish(self._filter.reset())

@@ -168,7 +168,7 @@ def test_units_of_functions() -> None:
 # Missing fields ---------------------------------------------------------------------------------
 
 
-NO_TIME = 'no time field: the order of the points counts, at points_per_second 1000'
+NO_TIME = 'no time field: times follow from points_per_second 1000'
 NO_ROWS = 'no line field: each row is a scan line (line_source)'
 NO_LINE = NO_ROWS.replace('row', 'message') + ', so verdicts depend on the cut into messages'
 T, RING = {'t': ('u4', range(6))}, {'ring': ('u1', 0)}

@@ -6,8 +6,8 @@ Two points have an edge if the ball between them, of which their distance is the
 other point inside: if none sees the two at an obtuse angle. So with r another point, q has no edge
 to p if (r - p)·(r - q) < 0: if it is beyond the plane through r at a right angle to p - r. The
 planes of the points around p leave only a small region, Voronoi's cell of p twice as large, and
-nodes of a kd-tree beyond one of them hold no candidates. The few that are left are held against all
-points that are in the ball's reach. This makes the graph exact; its memory are its edges, and its
+nodes of a kd-tree beyond one of them hold no candidates. The few that are left are tested with all
+points that the ball may hold. This makes the graph exact; its memory are its edges, and its
 time is near-linear for points that lie on surfaces.
 
 Points on the ball do not count: the ball is open, as in the paper. On a grid both diagonals of a

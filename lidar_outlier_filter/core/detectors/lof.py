@@ -54,15 +54,15 @@ SHORT = 64  # neighbours that are sorted by insertion
 class _Near(NamedTuple):
     """The neighbourhoods N(p) of all points, in tree order.
 
-    Most are the k nearest others. Those with ties have a longer row; of a stack of coincident
-    points with a k-distance of 0, one has it for all.
+    Most are the k nearest others. Points with ties have a longer row; coincident points
+    with a k-distance of 0 share one row.
 
     Attributes
     ----------
     listed : (N, k) int32
         The k nearest others of each point.
     row : (N,) int32
-        The row of ``more`` that holds N(p), or LISTED: it is that of ``listed``.
+        The row of ``more`` that holds N(p), or LISTED: ``listed`` holds it.
     first : (R + 1,) int64
         Row r is ``more[0, first[r]:first[r + 1]]``.
     more : (1, M) int32
@@ -211,8 +211,8 @@ def _near(
 def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.int32]) -> None:
     """Sort each row as the points were given.
 
-    Sums do not depend on the tree then, which is another one where other points, far off, are
-    missing: where a cloud is judged in tiles, or an earlier detector rejected them.
+    Sums then do not depend on the tree, which changes if points far off are missing, for example
+    because an earlier detector rejected them.
     """
     order, position = neighbourhood.order, _positions(neighbourhood)
     threads.run(

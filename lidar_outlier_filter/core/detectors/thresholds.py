@@ -45,8 +45,8 @@ class Threshold:
     name : of the parameter
     values : to choose from, from the one that rejects most to the one that rejects least
     critical : critical value of a parameter's value; ascends along ``values``
-    statistic : from a function that gives the scores under other parameters, and the value of this
-        one to be near: (N,) what the critical value is compared with, rejected where larger
+    statistic : called with a function that returns the scores under given parameters, and a value
+        of this one; returns (N,) numbers, rejected where above the critical value
 
     """
 

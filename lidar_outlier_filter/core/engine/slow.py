@@ -43,7 +43,7 @@ class SlowDetector(NamedTuple):
 
     def __str__(self) -> str:
         """Describe it in one sentence."""
-        begin = f' from {self.begin / SECOND:.3f} s on' if self.begin else ''
+        begin = f', from sensor time {self.begin / SECOND:.3f} s' if self.begin else ''
         return f'{self.name} takes more than {self.limit:g} s for {self.points} points{begin}'
 
 

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor of a whole cloud: it separates low points and low groups from lower ground.
 
-Columns stand on a grid, two typical distances to a side; each has a lowest point. Wide columns are
+Columns, two typical distances wide, stand on a grid; each has a lowest point. Wide columns are
 of five by five. The floor of one is the lower quartile of the lowest points of its columns and of
-those of the eight wide columns around. So low points do not count where they are in less than a
-quarter of the columns, and a terrace or a pit does where it is in more. Copies, the
+those of the eight wide columns around. So low points in less than a quarter of the columns do
+not lower it, but a terrace or a pit in more of them does. Copies, the
 order of the points and tiles have no effect.
 
 ``deep``
     How far the point is below the floor, ÷ the side of a column; negative above it.
 ``deep_steep``
-    The same, ÷ how far the quartiles of the lowest points are apart and the side.
+    The depth ÷ (the distance between the quartiles of the lowest points + the side).
 """
 
 from __future__ import annotations

@@ -195,7 +195,7 @@ def too_coarse(
         return ''
     return (
         f'float32 coordinates of {far:.0f} m come in steps of {step:.3g} m, and what is finer is '
-        'lost: float64, or a frame near the sensor, keeps it'
+        'lost: use float64, or a frame near the sensor'
     )
 
 

@@ -127,7 +127,7 @@ class Track:
         Returns
         -------
         points : Points
-            They keep what they were in the sensor's own frame.
+            ``own`` has the positions in the sensor's own frame.
         covered : (N,) bool
             Which of them were moved.
 

@@ -82,7 +82,7 @@ def test_it_is_said_while_it_runs(held: threading.Event) -> None:
     assert [(one.name, one.limit, one.points) for one in noted] == [('sor', 0.01, 100)] * 3
     assert [one.begin for one in noted] == [STAMP + number * SECOND // 10 for number in range(3)]
     assert [text for text in warnings if 'takes' in text] == [
-        f'{SENTENCE}100 points from {STAMP / SECOND:.3f} s on'
+        f'{SENTENCE}100 points, from sensor time {STAMP / SECOND:.3f} s'
     ]
     quick = CloudFilter(NEVER)
     expected = [result for msg in messages for result in quick.push(msg)]

@@ -105,8 +105,8 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     Returns
     -------
     Scores
-        ``score`` (N,) float64, from 0: log-odds above -8 ÷ those of the model's threshold. NaN
-        where no method applies, or points have fewer than 8 others.
+        ``score`` (N,) float64, max(0, log-odds + 8) ÷ (the model's threshold + 8) ÷ ``threshold``.
+        NaN where no method applies, or points have fewer than 8 others.
 
     Examples
     --------

@@ -6,8 +6,8 @@ Windows are sections (algorithm c of the paper) or patches (algorithm b). The co
 are the largest subtrees with at most ``section`` points; they divide the cloud. The window of a
 core is the core and a rim: the points in its box, grown on every side. Each point is tested in the
 window of its core. One that fails there is accepted if it lies on a surface of another window that
-holds it: a few points at the foot of a pole are too few beside the road, but not in the window
-above.
+holds it: the foot of a pole has too few points in a window with the road, but enough in the
+window above it.
 """
 
 from __future__ import annotations

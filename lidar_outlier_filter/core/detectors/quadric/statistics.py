@@ -68,7 +68,8 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     A point outside the fit has the variance of a prediction, and its T is distributed as t(f), with
     the f degrees of freedom of the fit. A point in the fit has its own part in σ̂0; that is taken
     out, which leaves t(f - 1): the test does not depend on whether a point is in. The paper leaves
-    it in: a lone outlier among thirty then passes. It stays in, too, if a surface limits σ̂0.
+    it in: a lone outlier among thirty then passes. Here it stays in under ``model: always``, and if
+    the first surface limits σ̂0.
     """
     squares, freedom = _squares(window, n, size, growth)
     if freedom < 2:  # noqa: PLR2004  one is left without the point itself
@@ -139,7 +140,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """Return whether a paraboloid fits the kept points significantly better than the plane.
 
     Outliers that the plane could not distinguish from a bend would spoil it. So it is fitted to
-    all of them, and again to the half that agrees best. If either is better, it begins with that
+    all kept points, then to the half that agrees best. If either is better, it begins with that
     half.
     """
     sigma2, scratch = window.sigma2, window.scratch
@@ -206,7 +207,7 @@ def is_flat(window: Window, n: int) -> bool:
     """Return whether (20) approximates a quadric at three of four kept points.
 
     There the residual is small against the radius at which the surface bends. If not, two sheets
-    run through the noise of what is one.
+    of the quadric run through the noise of one surface.
     """
     a = window.a
     bend = 0.0

@@ -8,7 +8,7 @@ point that has left may come back. The model rises only where the lower one leav
 rest: a plane, a paraboloid standing on it, a quadric. A plane is never judged as a quadric, then,
 which would be ambiguous: z = 0 times any other plane goes through its points, and z² = 0 too.
 
-What no surface explains is tested against all of them, and the least counts.
+A point that no surface explains is tested against all; its lowest score counts.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
 
     ``window.score`` is, for each point, T ÷ its critical value under the surface it agrees with
     best; NaN for all if the window is undecided: too few points, all in one place, or more than a
-    third of them on no surface; of quadrics that are always fitted, all of them.
+    third of them on no surface (under ``model: always``, all of them).
     """
     score, left_over = window.score, window.left
     score[:n] = np.nan
