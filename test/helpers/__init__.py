@@ -2,8 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What several tests use; none is a test itself."""
 
+import os
 from pathlib import Path
 
 HELPERS = Path(__file__).parent  # some are programs, too
 TESTS = HELPERS.parent  # on the path of a process that imports ``helpers``
 ROOT = TESTS.parent
+
+
+def uncompiled() -> dict[str, str]:
+    """Return an environment in which kernels are plain Python: untraced, as that takes minutes."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith('COVERAGE_')}
+    return kept | {'NUMBA_DISABLE_JIT': '1'}

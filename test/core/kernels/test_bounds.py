@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """No kernel reads or writes outside of its arrays: uncompiled, Python checks every index."""
 
-import os
 import subprocess
 import sys
 
 import pytest
-from helpers import HELPERS, TESTS
+from helpers import HELPERS, TESTS, uncompiled
 
 
 @pytest.mark.slow
@@ -15,7 +14,7 @@ def test_no_kernel_leaves_its_arrays() -> None:
     """Nor does one of any detector, its choices and its explanation; each kernel is called."""
     done = subprocess.run(
         [sys.executable, str(HELPERS / 'uncompiled.py')],
-        env=os.environ | {'PYTHONPATH': os.pathsep.join([str(TESTS), *sys.path])},
+        env=uncompiled() | {'PYTHONPATH': ':'.join([str(TESTS), *sys.path])},
         capture_output=True,
         text=True,
         check=False,

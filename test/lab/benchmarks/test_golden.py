@@ -3,14 +3,13 @@
 """Verdicts on real recordings are, bit by bit, those that were written down."""
 
 import json
-import os
 import runpy
 import subprocess
 import sys
 from typing import Any
 
 import pytest
-from helpers import ROOT
+from helpers import ROOT, uncompiled
 
 PROGRAM = ROOT / 'benchmarks' / 'golden.py'
 NAME = 'vlp16_mrpt_mcap'
@@ -48,7 +47,7 @@ def test_kernels_that_are_not_compiled() -> None:
     """As plain Python they find what they find compiled."""
     done = subprocess.run(
         [sys.executable, str(PROGRAM), '--few', '--recordings', NAME],
-        env={**os.environ, 'NUMBA_DISABLE_JIT': '1'},
+        env=uncompiled(),
         capture_output=True,
         text=True,
         check=False,
