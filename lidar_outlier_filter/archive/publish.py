@@ -3,8 +3,8 @@
 """Give outputs their names, whole and at the end, and replace only unchanged outputs of a run.
 
 Outputs are built in a hidden folder; on S3 their parts are uploaded first. Then older outputs lose
-their names, the sidecar gets its own, and the new outputs get theirs. So the sidecar knows whatever
-a killed run named.
+their names, the sidecar gets its own, and the new outputs get theirs. So the sidecar lists what a
+killed run gave names to.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ def agrees(path: RecordingPath, mark: FileMark, *, read: bool = False) -> bool:
 
 
 def content_hash(location: Location) -> str:
-    """Return the SHA-256 of an input, for a folder of its names and hashes; on a store its state.
+    """Return the SHA-256 of an input (of a folder: names and hashes); on a store, its state.
 
     A file of a store is not read a second time for this.
     """

@@ -221,7 +221,7 @@ def _show_mask(output: Path, found: LearntMask) -> None:
     seen = found.mask.is_seen
     by = f'by {found.odometry}' if found.odometry else 'by the scene'
     show(
-        f'{found.topic}: {found.taken} of {found.turns} turns at new places ({by})',
+        f'{found.topic}: {found.taken} of {found.turns} sweeps at new places ({by})',
         f'the vehicle is in {seen.mean() if seen.size else 0.0:.1%} of the directions'
         + (_ranges(found.mask) if seen.any() else ''),
         f'written to {output}; use it with --set mask={output}',

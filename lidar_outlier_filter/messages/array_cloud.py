@@ -110,7 +110,7 @@ def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
 
 
 def as_given(cloud: Any) -> Any:
-    """Turn an output for :func:`as_message` into what was given: arrays become arrays again."""
+    """Undo :func:`as_message` for an output: a cloud that was an array becomes one again."""
     return cloud.rows if isinstance(cloud, ArrayCloud) else cloud
 
 

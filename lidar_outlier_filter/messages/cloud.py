@@ -198,7 +198,7 @@ def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
 
 
 def more_fields(msg: Any, added: Mapping[str, str]) -> list[Any]:
-    """Append fields, one number each, behind those of the points: names, and numpy's of types."""
+    """Append fields of one number each behind those of the points: numpy types by name."""
     fields, offset = list(msg.fields), msg.point_step
     for name, kind in added.items():
         item = copy.copy(msg.fields[0])

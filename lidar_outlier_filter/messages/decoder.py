@@ -111,7 +111,7 @@ class Decoder:
         Raises
         ------
         CloudError
-            If the cloud cannot be read, if a point is farther away than ``FARTHEST``, or if a valid
+            If the cloud cannot be read, if a coordinate is beyond ``FARTHEST``, or if a valid
             one has no time or no standard deviation.
 
         """

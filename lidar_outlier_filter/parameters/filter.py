@@ -93,8 +93,8 @@ class FilterParameters:
     )
     time_jump: float = declare(
         1.0,
-        'A larger backward jump of sensor time resets the stream; a smaller one refuses clouds. '
-        'Any backward jump of /clock resets it.',
+        'A larger step back of sensor time resets the stream, a smaller one refuses clouds; any of '
+        '/clock resets.',
         's',
         0.0,
         1e9,
@@ -327,7 +327,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 def register(find: Callable[[Collection[str]], Installed]) -> None:
     """Set the function that finds all detectors, given names that their sections cannot have.
 
-    The package does so: detectors belong to a room above this one.
+    The package does so: detectors are in a subpackage above this one.
     """
     _finders[:] = [find]
 

@@ -180,7 +180,7 @@ def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str
 def table(section: str | None = None) -> str:
     """Write a table of parameters for the documentation, in Markdown.
 
-    All of them; or those of one section, such as ``lof``, the empty one being those of none.
+    All of them, or those of a section such as ``lof``; '' for those without a section.
     """
     lines = ['| parameter | default | allowed | what it does |', '| --- | --- | --- | --- |']
     for parameter in describe():

@@ -66,7 +66,7 @@ class Worst:
 
 
 def find(judged: JudgedFile) -> Worst:
-    """Find the groups of rejected points: points are one that are about as near as others are."""
+    """Find the groups of rejected points: those as close together as usual in the file are one."""
     xyz, rejected = judged.loaded.points.xyz, np.flatnonzero(judged.verdict.rejected)
     sides = [f'{side}, {size}' for side in ('below', 'above') for size in (ALONE, FEW, LARGE)]
     causes: dict[str, list[int]] = {name: [] for name in sides}

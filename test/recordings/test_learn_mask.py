@@ -82,7 +82,7 @@ def test_command_and_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     bag, mask, output = record(tmp_path / 'drive'), tmp_path / 'car.csv', tmp_path / 'cleaned'
     assert main(['mask', str(bag), '--output', str(mask)]) == 0
     said = capsys.readouterr().out
-    assert '/lidar: 14 of 14 turns at new places (by the scene)' in said
+    assert '/lidar: 14 of 14 sweeps at new places (by the scene)' in said
     assert read_mask(mask).is_seen.any()
     assert (tmp_path / 'car.csv.png').read_bytes().startswith(b'\x89PNG')
     assert main(['mask', str(bag), '--output', str(mask)]) == 1  # never over another

@@ -52,7 +52,7 @@ def eigenvalues(moment: Floats, value: Floats) -> None:
 
 @device_function
 def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -> None:
-    """Write one unit eigenvector of each: the longest product of two rows of matrix - eigenvalue.
+    """Write a unit eigenvector each: the longest cross product of two rows of matrix - eigenvalue.
 
     That of the lowest eigenvalue; but of the highest, where the middle one is not greater than
     ``narrow`` × that. 0 0 1 where all are equal. ``vector`` may have more than three rows.

@@ -4,7 +4,7 @@
 
 numba checks the kernel's own file only. A kernel that calls one of another file would keep the
 old machine code after a change there. So kernels carry a hash of all files that they may be made
-from: those of their own folder, and those of the rooms of ``core`` that every detector uses. Those
+from: those of their own folder, and of the folders of ``core`` that every detector uses. Those
 that check the bounds of arrays (``NUMBA_BOUNDSCHECK=1``) have another hash. Kernels of another hash
 or numba are not read, and removed when the kernel is compiled anew.
 
@@ -147,7 +147,7 @@ class CacheFile(_Files):
         try:
             super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as err:
-            _complain(f'what is compiled is not kept, as {self._cache_path}: {err.strerror}')
+            _complain(f'compiled kernels are not kept: {self._cache_path}: {err.strerror}')
             return
         for path in Path(self._cache_path).glob(f'{self._name}*.nb[ic]'):
             if not path.name.startswith(self._mine):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How kernels are compiled, and the small ones that several rooms share."""
+"""How kernels are compiled, and the small ones that several subpackages share."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _without_entry(function: Function, compiled: Function) -> Function:
     """Refuse calls by Python."""
 
     def refuse(*_arguments: object) -> None:
-        raise TypeError(f'{function.__name__} is an inner kernel: only kernels can call it')
+        raise TypeError(f'{function.__name__} is a device function: only kernels can call it')
 
     if hasattr(compiled, 'py_func'):  # numba's, which would jump to an entry that is not there
         compiled._insert = lambda *_arguments: None  # type: ignore[attr-defined]  # noqa: SLF001
@@ -63,10 +63,10 @@ class _Apart(Compiler):
 
 
 def noalias_kernel(function: Function) -> Function:
-    """Compile an inner kernel that writes into no array that it has by another name, too.
+    """Compile a device function that writes into no array that overlaps another of its arrays.
 
-    Nothing checks that when it runs: checks take longer than loops over a few lanes. Nor does it
-    count who holds an array: it may neither make nor return one.
+    Nothing checks that when it runs: checks take longer than loops over a few lanes. It counts
+    no references to arrays, so it may neither make nor return one.
     """
     options: dict[str, Any] = {'_nrt': False, 'pipeline_class': _Apart}
     return _without_entry(function, _compile(function, no_cpython_wrapper=True, **options))
@@ -104,8 +104,8 @@ def select(values: NDArray[np.float64], count: int, rank: int) -> float:
     """Return the value of ``rank`` (from 0) among the first ``count``, none NaN; reorders them.
 
     Afterwards no value before ``rank`` is larger, and none behind it smaller. Quickselect; its
-    partition has no branch on the values, which a processor could not predict. Waves have pivots
-    that part little at regular steps.
+    partition has no branch on the values, which a processor could not predict. Periodic
+    values give poor pivots: after ``MAX_PASSES`` passes these are drawn pseudo-randomly.
     """
     low, high = 0, count - 1
     left, drawn = MAX_PASSES * count, 1

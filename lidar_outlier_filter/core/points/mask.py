@@ -137,7 +137,7 @@ def mask_of(parameters: FilterParameters) -> Mask | None:
 def content_of(parameters: FilterParameters) -> str:
     """Hash the mask file, to detect a changed mask.
 
-    Returns ``off`` without a mask. The name of an unreadable file: reading it is refused elsewhere.
+    Returns ``off`` without a mask, and the name of an unreadable file, which is refused elsewhere.
     """
     if parameters.mask == OFF:
         return OFF

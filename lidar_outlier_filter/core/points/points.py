@@ -91,7 +91,7 @@ class Points:
 
     @property
     def in_own_frame(self) -> Points:
-        """The same points in the sensor's own frame; themselves where they are in it."""
+        """The same points in the sensor's own frame; unchanged if they are in it already."""
         return self if self.own is None else replace(self, xyz=self.own, own=None)
 
     def take(
@@ -179,7 +179,7 @@ def too_coarse(
     ----------
     xyz, valid : positions, metres, and which of them are returns
     single : of x, y and z, whether it came as float32
-    unit : metres of the unit that it came in
+    unit : size of the unit of the input, metres
 
     """
     where = np.flatnonzero(valid)

@@ -106,7 +106,7 @@ class Track:
     def reset(self) -> None:
         """Forget the poses: the clock of the points was set back.
 
-        Poses whose own clock was set back first are kept.
+        Poses are kept if their own clock was set back before.
         """
         with self._lock:
             if not self._is_new:
@@ -121,7 +121,7 @@ class Track:
         """Move points to the fixed frame, each from where the sensor was at its own time.
 
         Positions are interpolated linearly, rotations along the shortest arc. Points before the
-        first pose, behind the last one and within a gap stay where they are, and invalid ones.
+        first pose, after the last or within a gap stay where they are; so do invalid ones.
         Whether a point is moved depends on its own time alone, in whatever message it comes.
 
         Returns

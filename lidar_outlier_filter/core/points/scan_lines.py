@@ -75,8 +75,8 @@ def is_unchanged(order: NDArray[np.int64]) -> bool:
 def find_lines(points: Points, gap_factor: float) -> Lines:
     """Find lines and segments of points that are sorted by line and time.
 
-    A segment ends before the next shot where that is more than ``gap_factor`` × the line's own shot
-    interval later; exactly as much later does not end it.
+    A segment ends where the next shot is more than ``gap_factor`` × the line's own shot interval
+    later; a gap of exactly that length does not end it.
     """
     first = line_starts(points.line)
     interval, before, after = _link(points.t, first, gap_factor)
@@ -84,7 +84,7 @@ def find_lines(points: Points, gap_factor: float) -> Lines:
 
 
 def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return where each line begins in points that are sorted by line, and their number."""
+    """Return where each line begins in points sorted by line, then the number of points."""
     if not len(line):
         return np.zeros(1, np.int64)
     inner = np.flatnonzero(line[1:] != line[:-1]) + 1
@@ -92,7 +92,7 @@ def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:
-    """Return by points that are sorted by line and time whether the sensor spins.
+    """Return whether the sensor spins, by points that are sorted by line and time.
 
     A profile scanner measures one line after the other; a spinning sensor, many at once. ``first``
     is where each line begins.
@@ -178,7 +178,7 @@ class LineCounter:
         """Begin a new line at each turn of the scan angle.
 
         A line begins where the angle wraps (steps by more than half a turn), or steps back against
-        the sense of rotation by more than ``NOISE`` (a gap of more than half a turn). Smaller steps
+        the sense of rotation by more than ``NOISE`` (after gaps over half a turn). Smaller steps
         back are noise, and do not repeat a wrap. The sense is known once the small steps add up to
         ``NOISE``; before that, only wraps count.
 

@@ -60,8 +60,8 @@ def find_own_frame(points: Points) -> Points | None:
     Points or None
         None where the own frame does not show: lines are measured one after the other, there are
         fewer than four rings, a stretch is longer than two seconds, it leans by more than 60°, or
-        points do not lie where a steadily turning head sees them. Where its x axis points means
-        nothing.
+        points do not lie where a steadily turning head sees them. The direction of its x axis is
+        arbitrary.
 
     """
     order = order_by_line(points)

@@ -236,12 +236,12 @@ def in_bands(points: Points) -> Points:
 
 
 def find_height(elevation: Floats, turned: Ints, level: Floats) -> float:
-    """Return the least of ``HEIGHTS`` at which a band's points are no farther apart, rad.
+    """Return the least of ``HEIGHTS``, rad, that is not below the distance of points in a band.
 
     Parameters
     ----------
     elevation : (N,) of the points, rad
-    turned : (N,) azimuth, in which a turn is a second of nanoseconds
+    turned : (N,) azimuth, 1e9 to a turn
     level : (N,) cosine of the elevation
 
     """
@@ -282,7 +282,7 @@ def compile_kernels() -> None:
 def find_peaks(count: Ints, least: int) -> Ints:
     """Return where a histogram has peaks.
 
-    A peak has at least so many, and between it and the next no more than a ``VALLEY``-th of either.
+    A peak has at least ``least``; somewhere between two peaks is at most 1 / ``VALLEY`` of either.
     """
     peaks = np.empty(len(count), np.int64)
     number, top, index, low, climbing = 0, 0, 0, 0, True

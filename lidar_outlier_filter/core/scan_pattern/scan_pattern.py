@@ -42,7 +42,7 @@ BRIGHTEST = np.float32(8.0)
 
 
 def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0) -> Singles:
-    """Return the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
+    """Return the brightness (M,) of each cell; ``UNKNOWN`` without a usual intensity.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def find_pattern(
     ----------
     points : valid ones, in the sensor's own frame
     threads : maximum number of threads; 0: all cores
-    spins : the sensor is known to spin; otherwise it does where lines are measured at once
+    spins : the sensor is known to spin; else it must measure several lines at once
     in_rows : rings may be rows of a range image, in whose columns returns come in any order
 
     Returns

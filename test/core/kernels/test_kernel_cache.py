@@ -138,9 +138,7 @@ def test_a_kernel_that_cannot_be_saved_is_used(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(kernel_cache, 'complaints', [])
     for _ in range(2):
         file.save('key', 'data')
-    assert kernel_cache.complaints == [
-        'what is compiled is not kept, as /dev/null: Not a directory'
-    ]
+    assert kernel_cache.complaints == ['compiled kernels are not kept: /dev/null: Not a directory']
 
 
 @pytest.fixture

@@ -63,10 +63,11 @@ def _quadruple(value: float) -> float:
 
 def test_python_cannot_call_a_device_function() -> None:
     """It has no entry that could be called, and says so, compiled or not."""
-    with pytest.raises(TypeError, match=r'^_double is an inner kernel: only kernels can call it$'):
+    sentence = r'^_double is a device function: only kernels can call it$'
+    with pytest.raises(TypeError, match=sentence):
         _double(1.0)
     assert _quadruple(3.0) == 12.0
-    with pytest.raises(TypeError, match='_double is an inner kernel'):
+    with pytest.raises(TypeError, match='_double is a device function'):
         _double(1.0)
 
 
@@ -91,5 +92,5 @@ def test_a_noalias_kernel() -> None:
     for row in rows[1:]:
         expected += row
     np.testing.assert_array_equal(_sums(rows), expected)
-    with pytest.raises(TypeError, match='_add_rows is an inner kernel'):
+    with pytest.raises(TypeError, match='_add_rows is a device function'):
         _add_rows(rows, expected)
