@@ -61,9 +61,9 @@ def _compile(options: argparse.Namespace) -> int:
     work = list[KernelShare]()
     for parameters in requested:
         # What is on disk already, in whatever order it was written, is not done again.
-        if not load(parameters, explain=True):
+        if not load(parameters, offline=True):
             work += [share for share in shares(parameters) if share not in work]
-    processes = Processes(explain=True)
+    processes = Processes(offline=True)
     with progress_bar('compiling') as bar:
 
         def advance(done: int, total: int, text: str) -> None:

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled kernels for a chain: run in this process, read from disk, or made by other processes.
+"""Kernels of a chain: loaded from disk, or compiled in this process or in background processes.
 
-As a program it reads one share of the work from stdin, and compiles it.
+Run as a program, it reads one share of the work from stdin and compiles it.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
+from lidar_outlier_filter.core.neighbours.floor import count_low
+from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build
+from lidar_outlier_filter.core.points.mask import MaskLearner
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import Track
 from lidar_outlier_filter.core.scan_pattern import recovered_rings
@@ -34,13 +37,13 @@ from lidar_outlier_filter.pipeline.visibility import compile_watch
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-SENSORS = ('profile', 'spinning')  # whose points are judged by different kernels
-COUNT = 128  # points: enough for each detector of the defaults to judge them
+SENSORS = ('profile', 'spinning')  # kinds of sensors, each with its own kernels
+COUNT = 128  # points of a sample: enough for every default detector
 RINGS = 4
-SCORES = 'scores'  # which come with reasons, that have kernels of their own
-PATIENT = 10  # niceness beside a filter that runs
+SCORES = 'scores'  # also turns on reasons, which have their own kernels
+PATIENT = 10  # niceness of background processes beside a running filter
 
-_ready: set[tuple[object, ...]] = set()  # what chooses kernels, of chains ready in this process
+_ready: set[tuple[object, ...]] = set()  # `kernels_of` each chain loaded in this process
 
 
 class NotCompiled(Exception):  # noqa: N818  no error: a result
@@ -56,7 +59,7 @@ class KernelShare(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Name it, for people."""
+        """The name in messages."""
         return self.detector if self.sensors == SENSORS else f'{self.detector}, {self.sensors[0]}'
 
 
@@ -76,30 +79,35 @@ def is_ready(parameters: FilterParameters) -> bool:
 
 
 def make_ready(
-    parameters: FilterParameters, sensors: Sequence[str] = SENSORS, *, explain: bool = False
+    parameters: FilterParameters, sensors: Sequence[str] = SENSORS, *, offline: bool = False
 ) -> None:
     """Run the kernels of a chain once; what is not on disk is compiled, and written there.
 
-    ``explain`` includes the kernels by which reports explain scores.
+    ``offline`` includes kernels that no start of a node waits for: those of large clouds, of files,
+    of masks, and of the explanations in reports.
     """
     Decoder(parameters).compile()
     compile_watch()
     Track.compile()
     recovered_rings.compile_kernels()
+    if offline:
+        build(np.zeros((SUBTREE + 1, 3)))
+        count_low(_turns().xyz, np.arange(COUNT))
+        MaskLearner(1.0).add(_turns())
     chain = Chain(parameters)
     for points in (points for sensor in sensors for points in _samples(sensor)):
         chain.judge(points)
         for name in parameters.chain:
-            if explain and name in explanations():
+            if offline and name in explanations():
                 seen = DetectorInput(points, parameters, chain.neighbours)
                 explanations()[name].explain(seen, parameters, points.valid)
     if tuple(sensors) == SENSORS:
         _ready.add(kernels_of(parameters))
 
 
-def load(parameters: FilterParameters, *, explain: bool = False) -> bool:
+def load(parameters: FilterParameters, *, offline: bool = False) -> bool:
     """Run the kernels of a chain once; return False where one would have to be compiled."""
-    if is_ready(parameters) and not explain:
+    if is_ready(parameters) and not offline:
         return True
     asking = threading.get_ident()
 
@@ -107,9 +115,9 @@ def load(parameters: FilterParameters, *, explain: bool = False) -> bool:
         if threading.get_ident() == asking:
             raise NotCompiled
 
-    listeners.insert(0, refuse)  # nobody is called for what is not compiled
+    listeners.insert(0, refuse)  # before other listeners, which are then not called
     try:
-        make_ready(parameters, explain=explain)
+        make_ready(parameters, offline=offline)
     except NotCompiled:
         return False
     finally:
@@ -118,7 +126,7 @@ def load(parameters: FilterParameters, *, explain: bool = False) -> bool:
 
 
 def shares(parameters: FilterParameters) -> list[KernelShare]:
-    """Cut the work for a chain into parts that can be done side by side."""
+    """Split the kernels of a chain into shares for parallel processes."""
     default, found = FilterParameters().flat(), []
     changed = {name: value for name, value in parameters.flat().items() if value != default[name]}
     for detector in parameters.chain:
@@ -134,12 +142,12 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
 
 
 class Processes:
-    """Compiles shares in processes of their own, as many at once as there are cores."""
+    """Compiles shares in separate processes, one per core at a time."""
 
-    def __init__(self, *, patient: bool = False, explain: bool = False) -> None:
-        """Start none yet; patient ones leave the processor to others."""
+    def __init__(self, *, patient: bool = False, offline: bool = False) -> None:
+        """``patient`` processes run at low priority; ``offline`` as in :func:`make_ready`."""
         self.is_stopped = False
-        self._patient, self._explain = patient, explain
+        self._patient, self._offline = patient, offline
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[str]] = set()
 
@@ -163,7 +171,7 @@ class Processes:
             return [error for error in pool.map(one, work) if error]
 
     def stop(self) -> None:
-        """Kill all processes, and start no other."""
+        """Kill all processes, and start no more."""
         with self._lock:
             self.is_stopped = True
             for process in self._running:
@@ -181,10 +189,10 @@ class Processes:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 text=True,
-                start_new_session=True,  # the signals that end this one are not for them
+                start_new_session=True,  # does not receive this process's signals
             )
             self._running.add(process)
-        _, said = process.communicate(json.dumps([*share, self._explain]))
+        _, said = process.communicate(json.dumps([*share, self._offline]))
         with self._lock:
             self._running.discard(process)
             if process.returncode == 0 or self.is_stopped:
@@ -194,17 +202,17 @@ class Processes:
 
 
 def _samples(sensor: str) -> Iterator[Points]:
-    """Yield small clouds of a sensor, in the layouts of memory that a stream gives."""
+    """Yield small clouds of a sensor, with the memory layouts of a stream."""
     t = np.arange(COUNT) * 1000
     if sensor == 'profile':
         xyz = np.zeros((COUNT, 3))
         xyz[:, 0] = np.arange(COUNT)
         xyz[COUNT // 2, 2] = 10.0
-        # Two lines without a scan pattern: these are judged by their nearest neighbours.
+        # Two lines without a scan pattern, for the methods on nearest neighbours
         points = Points(xyz, t, np.arange(COUNT) // (COUNT // 2), np.ones(COUNT, np.bool_))
         for order in (np.arange(COUNT), np.arange(COUNT)[::-1]):
             yield points.take(order)
-        # In whole turns, around a scanner that moves on: these have a scan pattern.
+        # Whole revolutions of a moving scanner, for the methods on scan patterns
         yield replace(_turns(), t=t)
     else:
         bright = np.ones(COUNT, np.float32)
@@ -212,10 +220,10 @@ def _samples(sensor: str) -> Iterator[Points]:
 
 
 def _turns() -> Points:
-    """Return lines of one turn each, one above the other, without times."""
+    """Return stacked scan lines of one revolution each, without times."""
     each = COUNT // RINGS
-    turned, line = np.linspace(0.0, 6.0, each), np.repeat(np.arange(RINGS), each)
-    level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(each)])
+    azimuth, line = np.linspace(0.0, 6.0, each), np.repeat(np.arange(RINGS), each)
+    level = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(each)])
     xyz = np.tile(level, (RINGS, 1))
     xyz[:, 2] = 0.1 * line
     return Points(xyz, np.zeros(COUNT, np.int64), line, np.ones(COUNT, np.bool_))
@@ -224,9 +232,9 @@ def _turns() -> Points:
 def _main() -> None:
     os.nice(int(sys.argv[1]))
     CacheFile.allows_portable = False
-    detector, values, sensors, explain = json.load(sys.stdin)
+    detector, values, sensors, offline = json.load(sys.stdin)
     parameters = FilterParameters().changed({**values, 'chain': (detector,)})
-    make_ready(parameters, sensors, explain=explain)
+    make_ready(parameters, sensors, offline=offline)
 
 
 if __name__ == '__main__':

@@ -104,21 +104,28 @@ before = called()
 xyz[77] = 1, 2, 3
 assert detect_outliers(xyz).outlier[77]
 """,
-    # What ``compile`` has run explains scores, too: with lines and without.
-    'report': """
-from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.registry import explanations
-from lidar_outlier_filter.core.points.points import Points
+    # What ``compile`` has run includes kernels of large clouds, files, masks and explanations.
+    'commands': """
+import os
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from tempfile import TemporaryDirectory
+from lidar_outlier_filter.cli.main import main
 
-make_ready(survey, explain=True)
-before = called()
-zeros = np.zeros(5000, np.int64)
-seen = DetectorInput(Points(xyz, zeros, zeros, zeros == 0), survey, whole=True)
-found = explanations()['boosted_trees'].explain(seen, survey, np.arange(5000) < 40)
-assert found.added.shape[1] == 40
+make_ready(parameters(), offline=True)
+make_ready(survey, offline=True)
+before, drive = called(), str(Path(sys.argv[1]).absolute())
+said = StringIO()
+with TemporaryDirectory() as folder, redirect_stdout(said), redirect_stderr(said):
+    os.chdir(folder)
+    large = np.random.default_rng(1).uniform((0, 0, 0), (20, 20, 0.02), (40_000, 3))
+    np.savetxt('a.csv', large, '%.4f', ',', header='x,y,z', comments='')
+    for words in ('clean a.csv', 'clean a.csv --output b.csv --tile 5', 'report a.csv'):
+        assert main(words.split()) == 0, said.getvalue()
+    assert main(['mask', drive, '--output', 'car.csv']) in {0, 1}, said.getvalue()  # it stands
+    os.chdir('/')
 """,
 }
-SLOW = ('stream', 'survey', 'report')
 NEW = """
 assert len(before) > 10
 print(sorted({name for name, _ in called() - before}))
