@@ -243,7 +243,9 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
 
 
 def _replace_older(task: Task, built: Path, now: FoundOutputs, text: str) -> None:
-    """Replace older outputs by a sidecar; put all back if that fails, except on a store.
+    """Replace older outputs by a sidecar. If that fails, all are put back.
+
+    A store cannot put them back: they are gone, and the next run makes them anew.
 
     Their own sidecar goes last: it knows those that a kill leaves.
     """

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Only an output that a run noted, and that is unchanged, is replaced; all else is refused."""
 
+import dataclasses
 import errno
 import json
 import os
@@ -12,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.archives import command_of, content, hidden, records, tree
+from helpers.archives import command_of, content, hidden, record, records, tree
 
 from lidar_outlier_filter.archive import publish, run
 from lidar_outlier_filter.archive.jobs import Task
+from lidar_outlier_filter.archive.sidecar import as_text, read
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk.new_files import publish_all
 
@@ -138,35 +140,48 @@ def test_what_was_there_before_is_refused(words: list[str], capsys: Capture, kin
 
 
 @pytest.mark.parametrize('is_new', [True, False])
-@pytest.mark.parametrize('which', ['output', 'sidecar', 'other'])
-def test_what_comes_while_a_run_works_stays(
-    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capture, which: str, *, is_new: bool
+@pytest.mark.parametrize('which', ['output', 'sidecar', 'sealed', 'other'])
+@pytest.mark.parametrize('moment', ['publish', '_replace_older'])
+def test_what_comes_while_a_run_works_stays(  # noqa: PLR0913  fixtures
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+    moment: str,
+    which: str,
+    *,
+    is_new: bool,
 ) -> None:
-    """A file that is laid there, or edited, after the start is refused before the rename."""
+    """A file that appears or changes during a run is refused, also just before the rename."""
     if not is_new:
         assert main(words) == 0
-    known = publish.publish
+    home: Any = run if moment == 'publish' else publish
+    known = getattr(home, moment)
     path = OUT / ('first' if words[0] == 'replay' else '000_cleaned.csv')
 
     def late(task: Task, *given: Any) -> Any:
         if task.outputs[0].name == path.name:
-            target = path.with_name(f'{path.name}.json') if which == 'sidecar' else path
+            target = path.with_name(f'{path.name}.json') if which.startswith('s') else path
             if which == 'other' and path.is_dir():
                 target = path / 'notes.txt'
             if target.is_dir():
                 target = target / 'metadata.yaml'
+            text = 'mine'
+            if which == 'sealed':  # another run's
+                noted = read(target) or record('other')
+                text = as_text(dataclasses.replace(noted, worker=text), {})
             target.unlink(missing_ok=True)
-            target.write_text('mine')
-            touched.append(target)
+            target.write_text(text)
+            touched.append((target, text))
         return known(task, *given)
 
-    touched: list[Path] = []
-    monkeypatch.setattr(run, 'publish', late)
+    touched: list[tuple[Path, str]] = []
+    monkeypatch.setattr(home, moment, late)
     before = content(OUT)
     assert main([*words, *([] if is_new else ['--set=scores=true'])]) == 3
-    assert touched[0].read_text() == 'mine'
+    target, text = touched[0]
+    assert target.read_text() == text
     assert 'the output must be' in capsys.readouterr().err
-    names = [name for name in before if name.startswith(path.name) and OUT / name != touched[0]]
+    names = [name for name in before if name.startswith(path.name) and OUT / name != target]
     assert {name: content(OUT)[name] for name in names} == {name: before[name] for name in names}
     assert not hidden(OUT)
 
