@@ -235,7 +235,7 @@ def lay_out(rows: Sequence[Row]) -> str:
                 row.name,
                 str(row.sweeps),
                 f'{row.metres:.1f}',
-                f'{row.rejected:.2%}'.replace('%', ' %'),
+                f'{100 * row.rejected:.2f} %',
                 *(f'{100 * one:.1f} cm' for one in row.drift),
                 *(f'{one:,}' for one in row.phantom or ()),
                 *('–' for _ in range(0 if row.phantom else 2)),

@@ -147,7 +147,8 @@ def measure(name: str, seconds: float) -> str:
         for kind in KINDS:
             for size in MEGABYTES:
                 share = lost(setting, size * 10**6, count, kind)
-                print(f'{name}, {text}, {kind}, {size} MB: {share:.1%} of {count}', flush=True)
+                part = f'{100 * share:.1f} % of {count}'
+                print(f'{name}, {text}, {kind}, {size} MB: {part}', flush=True)
                 row.append(f'{100 * share:.0f} %')
         rows.append(row)
     head = [f'{size} MB, {kind.replace("_", " ")}' for kind in KINDS for size in MEGABYTES]

@@ -208,7 +208,7 @@ def in_terminal(rows: Sequence[ArchiveRow], what: str) -> list[Column]:
             POINTS,
             *(_count(name, is_rare=True) for name in ('invalid', 'ignored', 'untested', 'spared')),
             _count('rejected'),
-            Column('share', lambda row: row.of_points('rejected'), '{:.3%}'.format),
+            Column('share', REJECTED.value, lambda share: f'{100 * share:.3f} %'),
             Column('seconds', lambda row: row.record.seconds, '{:.1f}'.format),
         ]
     return [one for one in columns if not one.is_rare or any(map(one.value, rows))]

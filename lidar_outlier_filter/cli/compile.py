@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, progress_bar, say
@@ -23,8 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-PACKAGE = 'lidar_outlier_filter'
-COMMAND_GROUP = f'{PACKAGE}.commands'  # the group of entry points by which others add commands
+COMMAND_GROUP = 'lidar_outlier_filter.commands'  # entry points by which others add commands
 SENTENCE = 'kernels are compiled once, on the first run; this takes up to a minute'
 
 
@@ -92,27 +90,18 @@ def _requested(chain: str | None, *, portable: bool) -> list[FilterParameters]:
     """Return the parameters of the chain that was asked for, or of all that the package brings."""
     from lidar_outlier_filter.core.detectors.builtin import BUILTIN
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.parameters.yaml_files import read_yaml
+    from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
 
     if chain is not None:
         return [FilterParameters().changed({'chain': chain.split(',')})]
     known = FilterParameters().flat()
-    files = [read_yaml(path) for path in _shipped()]
+    files = [read_yaml(path) for path in sorted(config_folder().glob('*.yaml'))]
     first = FilterParameters().changed({'chain': [*BUILTIN]}) if portable else FilterParameters()
     return [
         first,
         FilterParameters().changed({'boosted_trees.sensor': 'survey'}),  # for `clean`
         *(FilterParameters().changed({k: file[k] for k in file if k in known}) for file in files),
     ]
-
-
-def _shipped() -> list[Path]:
-    """List the parameter files that come with the package: beside its sources, or installed."""
-    for root in Path(__file__).parents[2:]:  # a wheel is built below the sources
-        for folder in (root / 'share' / PACKAGE / 'config', root / 'config'):
-            if (folder / 'defaults.yaml').is_file() and (folder.parent / 'package.xml').is_file():
-                return sorted(folder.glob('*.yaml'))
-    return []
 
 
 def say_what_is_compiled() -> None:

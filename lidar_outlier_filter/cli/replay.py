@@ -222,7 +222,7 @@ def _show_mask(output: Path, found: LearntMask) -> None:
     by = f'by {found.odometry}' if found.odometry else 'by the scene'
     show(
         f'{found.topic}: {found.taken} of {found.turns} sweeps at new places ({by})',
-        f'the vehicle is in {seen.mean() if seen.size else 0.0:.1%} of the directions'
+        f'the vehicle is in {100 * seen.mean() if seen.size else 0.0:.1f} % of the directions'
         + (_ranges(found.mask) if seen.any() else ''),
         f'written to {output}; use it with --set mask={output}',
     )

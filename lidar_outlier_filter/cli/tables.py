@@ -185,7 +185,7 @@ def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: flo
     counts = {name: getattr(report, name) for name in rare if getattr(report, name)}
     row = {'points': report.points, **counts, 'rejected': report.rejected}
     cells = {name: f'{number:,}' for name, number in row.items()}
-    cells['share'] = f'{report.rejected / report.points:.3%}'
+    cells['share'] = f'{100 * report.rejected / report.points:.3f} %'
     cells |= {'seconds': f'{seconds:.1f}', 'state': 'untested' if report.is_untested else 'done'}
     table = numbers('file', *cells)
     table.add_row(printable(path.name), *cells.values())
@@ -232,7 +232,7 @@ def _say_how(path: Path, report: CleanReport) -> None:
     if report.left_low:
         say(f'{path}: kept points that look like low points: {report.left_low:,}; {LOW_POINTS}')
     if report.rejected > NOTABLE_SHARE * report.points:
-        say(f'{path}: {report.rejected / report.points:.1%} of its points are rejected')
+        say(f'{path}: {100 * report.rejected / report.points:.1f} % of its points are rejected')
 
 
 def _table_of_detectors(reports: Sequence[CleanReport]) -> Table:
@@ -256,7 +256,7 @@ def _table_of_classes(reports: Sequence[CleanReport]) -> Table:
     table = numbers('class', 'points', 'rejected', 'share')
     for number, count in sorted(points.items()):
         name = f'{number} {CLASSES.get(number, "")}'.rstrip()
-        share = f'{rejected[number] / count:.3%}'
+        share = f'{100 * rejected[number] / count:.3f} %'
         table.add_row(name, f'{count:,}', f'{rejected[number]:,}', share)
     return table
 

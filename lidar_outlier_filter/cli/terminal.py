@@ -185,7 +185,7 @@ def progress_lines(text: str) -> Advance:
         nonlocal due
         if monotonic() >= due:
             due = monotonic() + LINE_PERIOD
-            say(f'{text}: {what}, {done / max(total, 1):.0%}')
+            say(f'{text}: {what}, {100 * done / max(total, 1):.0f} %')
 
     return advance
 

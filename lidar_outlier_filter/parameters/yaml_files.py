@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -15,13 +16,25 @@ from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from pathlib import Path
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 NODE_NAME = 'outlier_filter_node'
 LARGEST_FILE = 1_000_000  # bytes
 DEEPEST = 20  # levels
+
+
+def config_folder() -> Path:
+    """Return the folder ``config`` of the package: installed, or beside its sources.
+
+    It does not exist where somebody copied the sources alone.
+    """
+    package = Path(__file__).parents[1]
+    for root in package.parents:  # a wheel is built below the sources
+        for folder in (root / 'share' / package.name / 'config', root / 'config'):
+            if (folder / 'defaults.yaml').is_file() and (folder.parent / 'package.xml').is_file():
+                return folder
+    return package.parent / 'config'
 
 
 def read_yaml(path: Path) -> dict[str, object]:

@@ -76,8 +76,8 @@ class SensorView:
         found = {'visibility, m': f'{self.visibility:.0f}'}
         for sector in range(SECTORS):
             name = sector_name(sector)
-            found[f'missing at {name}'] = f'{self.no_return[sector]:.1%}'
-            shares = ', '.join(f'{share:.1%}' for share in self.rejected[sector].tolist())
+            found[f'missing at {name}'] = f'{100 * self.no_return[sector]:.1f} %'
+            shares = ', '.join(f'{100 * share:.1f} %' for share in self.rejected[sector].tolist())
             found[f'rejected at {name}, from {", ".join(f"{b:g}" for b in BANDS)} m'] = shares
         return found
 

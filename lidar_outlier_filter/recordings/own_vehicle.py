@@ -86,7 +86,7 @@ def learn_mask(
             f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
         )
     if learner.taken < MIN_TURNS:
-        how = f'{STEP:g} m on by its odometry' if moved else f'{CHANGED:.0%} of what is far changed'
+        how = f'{STEP:g} m on by odometry' if moved else f'{100 * CHANGED:g} % of far cells changed'
         must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
         got = f'{learner.taken} of {learner.turns}: the vehicle does not move'
         raise RecordingError(f'the recording {recording}', must_be, got)

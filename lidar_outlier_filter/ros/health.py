@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.parameters.node import ERROR_LIMITS
+from lidar_outlier_filter.parameters.yaml_files import config_folder
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 OK, WARN, ERROR = 0, 1, 2
 # By the name that ROS has for a middleware. Fast DDS is that of Jazzy, where nobody chose another.
 PROFILES = {
-    'rmw_fastrtps_cpp': 'config/fastdds_large_clouds.xml',
-    'rmw_cyclonedds_cpp': 'config/cyclonedds_large_clouds.xml',
+    'rmw_fastrtps_cpp': 'fastdds_large_clouds.xml',
+    'rmw_cyclonedds_cpp': 'cyclonedds_large_clouds.xml',
 }
 LOSS_PERIOD = 5.0  # seconds between two warnings
 LOST, DROPPED, UNFILTERED = 'lost in transit', 'dropped', 'passed unfiltered'
@@ -69,7 +70,7 @@ class Health:
         """Begin with nothing; the advice against losses is for this middleware."""
         profile = PROFILES.get(middleware)
         self._advice = (
-            f'for large clouds all nodes need {profile}'
+            f'for large clouds all nodes need {config_folder() / profile}'
             if profile
             else f'see doc/large_clouds.md for large clouds over {middleware}'
         )
@@ -249,8 +250,8 @@ class _Sample:
             ('silence', self.silent, silence),
             ('delay', delay / max_delay, late),
             ('unfiltered', unfiltered, said),
-            ('rejected', rejected, f'{rejected:.1%} of the points are rejected'),
-            ('untested', untested, f'{untested:.1%} of the points are untested'),
+            ('rejected', rejected, f'{100 * rejected:.1f} % of the points are rejected'),
+            ('untested', untested, f'{100 * untested:.1f} % of the points are untested'),
         ):
             if value > getattr(limits, f'{name}_warn'):
                 yield ERROR if value > ERROR_LIMITS[name] else WARN, text

@@ -187,5 +187,5 @@ def _table(points: int, outliers: int, causes: Mapping[Cause, int]) -> Table:
     rows |= {f'  {cause.name.lower().replace("_", " ")}': count for cause, count in bad.items()}
     for name, count in rows.items():
         share = count / points if points else 0.0
-        table.add_row(name, f'{count:,}', f'{share:.3%}')
+        table.add_row(name, f'{count:,}', f'{100 * share:.3f} %')
     return table

@@ -173,10 +173,10 @@ def _table(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> Table:
 
 def _scenes_table(held_out: Mapping[str, Any], what: str) -> Table:
     """Lay out the figures of the scenes left out."""
-    rows = {cause: (f'{share:.2%}',) for cause, share in held_out['recall'].items()}
+    rows = {cause: (f'{100 * share:.2f} %',) for cause, share in held_out['recall'].items()}
     rows['F1'] = (f'{held_out["f1"]:.3f}',)
-    rows['good points lost'] = (f'{held_out["lost"]:.4%}',)
-    rows[f'of the median kind of {what}'] = (f'{held_out["lost_of_median_kind"]:.4%}',)
+    rows['good points lost'] = (f'{100 * held_out["lost"]:.4f} %',)
+    rows[f'of the median kind of {what}'] = (f'{100 * held_out["lost_of_median_kind"]:.4f} %',)
     return _table((f'cause, {what} left out', 'found'), rows)
 
 
@@ -254,13 +254,13 @@ def _tables(held_out: Mapping[str, Any]) -> list[Table]:
     dark, without = held_out['without_intensity'], 'without intensity'
     weather = {
         kind: (
-            *(f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}'),
+            *(f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{100 * one["lost"]:.3f} %'),
             f'{dark["weather"][kind]["f1"]:.3f}',
         )
         for kind, one in held_out['weather'].items()
     }
     clean = {
-        sensor: (f'{share:.4%}', f'{dark["clean_rejected"][sensor]:.4%}')
+        sensor: (f'{100 * share:.4f} %', f'{100 * dark["clean_rejected"][sensor]:.4f} %')
         for sensor, share in held_out['clean_rejected'].items()
     }
     street = {

@@ -87,7 +87,7 @@ def test_las_is_marked_by_its_class(folder: Path, capsys: Capture) -> None:
     )
     np.testing.assert_array_equal(after.xyz, before.xyz)
     printed = capsys.readouterr()
-    assert printed.err == f'{path}: {rejected.mean():.1%} of its points are rejected\n'
+    assert printed.err == f'{path}: {100 * rejected.mean():.1f} % of its points are rejected\n'
     assert printed.out.endswith(f'written to {folder / AIRBORNE}_cleaned.laz\n')
 
 
@@ -134,9 +134,10 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     lines = ['time (s) and ring', 'gps_time (s) and scan_direction_flag', '']
     assert [log['lines'] for log in logs] == lines
     assert [log['rejected'] <= 0.0005 * log['points'] for log in logs] == [False, True, True]
+    share = 100 * logs[0]['rejected'] / logs[0]['points']
     said = capsys.readouterr().err
     for sentence in (
-        f'{files[0]}: {logs[0]["rejected"] / logs[0]["points"]:.1%} of its points are rejected\n',
+        f'{files[0]}: {share:.1f} % of its points are rejected\n',
         f'{files[1]} is in ft (0.3048 m), and is judged in metres',
         '; its coordinate system is NAD_1983_HARN_Lambert_Conformal_Conic\n',
         f'{files[2]} has no column that says its scan lines: it is judged without scan lines\n',

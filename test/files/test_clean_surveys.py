@@ -144,8 +144,8 @@ def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
     assert main(['clean', str(cloud), '--dry-run']) == 0
     assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
     lines = [line.replace('│', ' ').split() for line in capsys.readouterr().out.splitlines()]
-    assert ['1', 'unclassified', '2', '2', '100.000%'] in lines
-    assert ['2', 'ground', '1,498', '0', '0.000%'] in lines
+    assert ['1', 'unclassified', '2', '2', '100.000', '%'] in lines
+    assert ['2', 'ground', '1,498', '0', '0.000', '%'] in lines
     assert ['below,', 'alone', '1', '1', '1'] in lines
     assert ['above,', 'alone', '1', '1', '1'] in lines
 

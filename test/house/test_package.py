@@ -372,5 +372,9 @@ def test_the_built_command_is_this_package(workspace: Workspace) -> None:
     command = workspace.prefix / 'lib' / NAME / 'lidar-outlier-filter'
     version = workspace.run_sourced(sys.executable, str(command), '--version')
     assert version.stdout.strip() == lidar_outlier_filter.__version__
-    where = workspace.run_sourced(sys.executable, '-c', f'import {NAME}; print({NAME}.__file__)')
-    assert where.stdout.startswith(str(workspace.root))
+    shown = 'print(y.__file__, y.config_folder(), sep=chr(10))'
+    code = f'import {NAME}.parameters.yaml_files as y; {shown}'
+    source, config = workspace.run_sourced(sys.executable, '-c', code).stdout.splitlines()
+    assert source.startswith(str(workspace.root))
+    assert config.startswith(str(workspace.root))
+    assert Path(config, 'fastdds_large_clouds.xml').is_file()

@@ -251,7 +251,7 @@ def test_diagnostics_in_a_browser(browser: Browser) -> None:
     rows = [row.split('\t') for row in tab.inner_text('.sectors').splitlines()[2:]]
     assert len(rows) == SECTORS
     assert rows[3] == ['45–60°', '–', '–', '–', '–', '–']
-    assert rows[4] == ['60–75°', '–', '25.0%', '25.0%', '25.0%', '25.0%']
+    assert rows[4] == ['60–75°', '–', '25.0 %', '25.0 %', '25.0 %', '25.0 %']
     assert tab.inner_text('#statuses dl').split('\n') == [
         'points',
         '1234567',

@@ -129,12 +129,13 @@ def test_errors_of_detectors() -> None:
 
 @pytest.mark.parametrize('middleware', PROFILES)
 def test_the_advice_is_for_the_middleware(middleware: str) -> None:
-    """What helps with large clouds is a file of the package, for each middleware another."""
+    """It names a file of the package by a path that exists, another one for each middleware."""
+    path = ROOT / 'config' / PROFILES[middleware]
     health = Health(middleware)
     health.missed(LOST, 1)
-    advice = f'; for large clouds all nodes need {PROFILES[middleware]}'
+    advice = f'; for large clouds all nodes need {path}'
     assert advice in take_sample(health)[1]
-    assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
+    assert ET.parse(path).getroot() is not None  # noqa: S314  our own
 
 
 def test_what_is_not_filtered() -> None:
@@ -151,7 +152,7 @@ def test_what_is_not_filtered() -> None:
     assert message == (
         'clouds not filtered fully: 4 (2 lost in transit, 1 dropped, 1 passed unfiltered); '
         'received in the same time: 6; '
-        'for large clouds all nodes need config/fastdds_large_clouds.xml'
+        f'for large clouds all nodes need {ROOT}/config/fastdds_large_clouds.xml'
     )
     assert [plotted[name] for name in ('lost', 'dropped', 'bypassed')] == [2, 1, 1]
     assert (values['lost'], values['dropped']) == ('2', '1')
@@ -217,7 +218,7 @@ def test_shares_of_points(name: str, text: str, levels: dict[int, int]) -> None:
         health.counted(counts)
         found, message = take_sample(health)[:2]
         assert found == level
-        assert level == OK or message == f'{count:.1f}% of the points are {text}'
+        assert level == OK or message == f'{count:.1f} % of the points are {text}'
 
 
 def test_silence() -> None:

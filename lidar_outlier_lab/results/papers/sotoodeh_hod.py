@@ -210,7 +210,8 @@ def draw_course(scene: LabelledClusters, parameters: Hierarchical, path: Path) -
     every = np.ones(len(scene.xyz), np.bool_)
     rough, clean = steps.phase != 1, steps.phase == 0
     nothing = np.empty((0, 2), np.int64)
-    interval = f'{parameters.global_confidence:.0%}', f'{parameters.local_confidence:.0%}'
+    confidences = parameters.global_confidence, parameters.local_confidence
+    interval = [f'{100 * one:.0f} %' for one in confidences]
     shown = (
         (f'a  input: {len(scene.xyz)} points', every, nothing),
         ('b  Euclidean minimum spanning tree', every, steps.tree),

@@ -52,7 +52,7 @@ def test_the_command(
     said = capsys.readouterr()
     assert 'contest written to' in said.out
     # Where there is no terminal, lines say what goes on.
-    assert said.err.startswith('results: section contest, 0%\n')
+    assert said.err.startswith('results: section contest, 0 %\n')
     assert main([*command, '--sections', 'real']) == 0
     assert page.read_text() == text
 

@@ -120,7 +120,7 @@ def test_command(
     """The command records what a preset makes, and says what is in it; a folder is never reused."""
     assert main(['simulate', 'pirotti-fcd', '--output', str(tmp_path / 'bag'), '--seed', '3']) == 0
     printed = capsys.readouterr().out
-    for word in ('72,000', '540', '0.750%', 'detour', 'single'):
+    for word in ('72,000', '540', '0.750 %', 'detour', 'single'):
         assert word in printed
     with Recording(tmp_path / 'bag') as recording:
         read = list(recording.messages())
