@@ -132,17 +132,17 @@ CHAINS |= {'`hierarchical`': 'hierarchical', '`elevation`': 'elevation'}
 COUNTS = ('recall', 'precision', 'F1', 'good points lost')
 DRIVES = ('leslar-a', 'leslar-b', 'leslar-c', 'street-32')
 THREE = 'alpha_beta_gamma, quadric, lof'
+SWEEPS, DEMO = 'Sweeps of 128 × 1024', 'The demo'  # headings of doc/results/speed.md
 SPEEDS = {
-    'spinning sensor, 128 × 1024': ('Sweeps of 128 × 1024', 'alpha_beta_gamma', ''),
+    'spinning sensor, 128 × 1024': (SWEEPS, 'alpha_beta_gamma', ''),
     'spinning sensor, 64 × 2048': ('Sweeps of 64 × 2048', 'alpha_beta_gamma', ''),
     'profile scanner, 160 lines/s of 1000': (
         'A profile scanner of 160 lines × 1000 shots a second',
         '',
         '',
     ),
-    'profile scanner, 200 lines/s of 1000': ('The demo', 'alpha_beta_gamma', THREE),
+    'profile scanner, 200 lines/s of 1000': (DEMO, 'alpha_beta_gamma', THREE),
 }
-SPINNING, DEMO = '{speed/Sweeps of 128 × 1024', '{speed/The demo'
 LIVOX = '{livox/Scanners without rings/scanner'
 MAKERS = {'VLP-16': 'Velodyne', 'HDL-32E': 'Velodyne', 'VLP-32C': 'Velodyne'}
 MAKERS |= {'OS1-128': 'Ouster', 'XT32': 'Hesai'}
@@ -245,11 +245,11 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'doc/install.md',
                 'first cloud filtered |\n| --- | ---: | ---: | ---: |\n{load/Starts}\n\nA replay',
             ),
-            Quote('doc/performance.md', f'up to {DEMO}/{THREE}/2 cores}} million points'),
+            Quote('doc/performance.md', f'up to {{speed/{DEMO}/{THREE}/2 cores}} million points'),
             Quote(
                 ACCURACY,
-                f'sweeps of 128 × 1024 | {SPINNING}/boosted_trees/2 cores}} '
-                f'({SPINNING}/boosted_trees/× Open3D}} × Open3D,',
+                f'sweeps of 128 × 1024 | {{speed/{SWEEPS}/boosted_trees/2 cores}} '
+                f'({{speed/{SWEEPS}/boosted_trees/× Open3D}} × Open3D,',
             ),
         ],
     ),

@@ -85,21 +85,21 @@ class TaggedStream:
 
     def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
         """Push a cloud."""
-        return self._answers(self.stream.push(TaggedCloud(points, frame, tag)))
+        return self._verdicts(self.stream.push(TaggedCloud(points, frame, tag)))
 
     def take_finished(self) -> list[tuple[Any, Verdict]]:
         """Return what is finished."""
-        return self._answers(self.stream.take_finished())
+        return self._verdicts(self.stream.take_finished())
 
     def flush_pending(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending, and go on."""
-        return self._answers(self.stream.flush_pending())
+        return self._verdicts(self.stream.flush_pending())
 
     def flush(self) -> list[tuple[Any, Verdict]]:
         """Judge all pending clouds, and reset."""
-        return self._answers(self.stream.flush())
+        return self._verdicts(self.stream.flush())
 
-    def _answers(self, finished: list[TaggedCloud]) -> list[tuple[Any, Verdict]]:
+    def _verdicts(self, finished: list[TaggedCloud]) -> list[tuple[Any, Verdict]]:
         self.errors.update((cloud.tag, cloud.error) for cloud in finished if cloud.error)
         return [(cloud.tag, cloud.verdict) for cloud in finished]
 

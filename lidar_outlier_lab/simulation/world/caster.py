@@ -110,13 +110,13 @@ def _meet(row: Floats, o: Floats, d: Floats, t: float) -> Hit:  # noqa: PLR0911 
 
 @device_function
 def _meet_ground(p: Floats, o: Floats, d: Floats) -> Hit:
-    """Meet a road from above: start, end, half width, crown, side (y of its middle), height."""
+    """Meet a road from above: start, end, half width, crown."""
     start, end, half, crown = p[0], p[1], p[2], p[3]
-    y, z = o[1] - p[4], o[2] - p[5]
+    y = o[1]
     bend = crown / half**2
     a = bend * d[1] ** 2
     b = d[2] + 2.0 * bend * y * d[1]
-    c = z - crown * (1.0 - (y / half) ** 2)
+    c = o[2] - crown * (1.0 - (y / half) ** 2)
     disc = b * b - 4.0 * a * c
     # This form of the quadratic formula is exact for the flat road (a = 0) too.
     far = 2.0 * c / max(np.sqrt(max(disc, 0.0)) - b, TINY)

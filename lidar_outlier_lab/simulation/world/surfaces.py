@@ -64,22 +64,20 @@ def _around(centre: Triple, half: Triple | float) -> tuple[Floats, Floats]:
     return middle - away, middle + away
 
 
-def ground(  # noqa: PLR0913  the measures of a road
+def ground(
     start: float,
     end: float,
     half_width: float,
     crown: float = 0.0,
-    side: float = 0.0,
-    height: float = 0.0,
     kind: Kind = Kind.ROAD,
 ) -> Surface:
     """Lay a road along x, highest in its middle; it is met from above only.
 
-    z = height + crown (1 - ((y - side) / half_width)²)
+    z = crown (1 - (y / half_width)²)
     """
-    low = (start, side - half_width, height + min(crown, 0.0))
-    high = (end, side + half_width, height + max(crown, 0.0))
-    rest = (start, end, half_width, crown, side, height)
+    low = (start, -half_width, min(crown, 0.0))
+    high = (end, half_width, max(crown, 0.0))
+    rest = (start, end, half_width, crown)
     return Surface(_row(caster.GROUND, rest, low, high), kind, 0.2)
 
 
