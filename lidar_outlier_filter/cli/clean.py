@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``clean``. It imports what is heavy when it runs, so that help is instant."""
+"""The command ``clean``. Large modules are imported when it runs, so that ``--help`` is fast."""
 
 # ruff: noqa: PLC0415  see above
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
 
-CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
+CLEANED, OUTLIERS = '_cleaned', '_outliers'  # suffixes of the stem of an output
 EXAMPLES = """\
 examples:
   lidar-outlier-filter clean street.laz --dry-run --picture worst.png
@@ -100,7 +100,7 @@ def add_clean(commands: Commands) -> None:
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name outputs."""
+    """Add the options for output files."""
     add = parser.add_argument
     add(
         '--output',
@@ -131,7 +131,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_marks(parser: argparse.ArgumentParser) -> None:
-    """Add the options on how rejected points are marked, and which points may be rejected."""
+    """Add the options for marking rejected points, and for excluding points by class."""
     add = parser.add_argument
     add(
         '--rejected',
@@ -176,9 +176,9 @@ def _clean(options: argparse.Namespace) -> int:
     if is_single:
         _check(options, 1, is_archive=False)
     picture = options.picture if options.picture is None or can_draw() else None
-    find_worst = _WorstFinder(worst=bool(options.dry_run or options.picture), picture=picture)
-    run = _clean_one if is_single else _clean_many
-    status = run(options, parameters, folder, find_worst)
+    inspect = _WorstFinder(worst=bool(options.dry_run or options.picture), picture=picture)
+    clean = _clean_one if is_single else _clean_many
+    status = clean(options, parameters, folder, inspect)
     if picture is not None and picture.is_file():
         show(f'written to {picture}')
     return INCOMPLETE if status == DONE and picture != options.picture else status
@@ -188,16 +188,16 @@ def _clean_many(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    find_worst: _WorstFinder,
+    inspect: _WorstFinder,
 ) -> int:
-    """Clean several files, also those of folders."""
+    """Clean several files, or all files of folders."""
     from dataclasses import asdict
 
     from lidar_outlier_filter.archive.jobs import CleanJob
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
-    job = CleanJob(parameters, asdict(_clean_options(options)), find_worst)
+    job = CleanJob(parameters, asdict(_clean_options(options)), inspect)
     records, results = go_through(tasks, job, options, 'cleaning', folder)
     tables.show_cleaned(tasks, records, results, job)
     return tables.status(records)
@@ -225,37 +225,37 @@ def _clean_one(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    find_worst: _WorstFinder,
+    inspect: _WorstFinder,
 ) -> int:
-    """Clean a single file, with a bar for each step; an error ends the command."""
+    """Clean a single file with a progress bar; an error ends the command."""
     from lidar_outlier_filter.files.clean import clean_file
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    path, found = options.files[0].absolute(), list[Any]()
-    output, *others = (one.absolute() for one in _outputs(path, options, folder, path.name))
+    path, worst = options.files[0].absolute(), list[Any]()
+    output, *outliers = (name.absolute() for name in _outputs(path, options, folder, path.name))
 
-    def how_far() -> str:
+    def interrupted() -> str:
         return f'nothing is written to {output}; the same command starts over'
 
-    began = perf_counter()
-    with saying_how_far(how_far), stoppable_bar(path.name) as progress:
+    start = perf_counter()
+    with saying_how_far(interrupted), stoppable_bar(path.name) as progress:
         report = clean_file(
             path,
             output,
             FilterParameters().changed(parameters),
             _clean_options(options),
-            outliers=options.outliers or next(iter(others), None),
+            outliers=options.outliers or next(iter(outliers), None),
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
-            inspect=lambda judged: found.append(find_worst(judged)),
+            inspect=lambda judged: worst.append(inspect(judged)),
         )
-    tables.show_file(path, report, found[0], perf_counter() - began)
+    tables.show_file(path, report, worst[0], perf_counter() - start)
     return INCOMPLETE if report.is_untested else DONE
 
 
 @dataclass(frozen=True)
 class _WorstFinder:
-    """Finds the worst tiles of a file, and draws them on request, before anything is written."""
+    """Finds the worst tiles of a file, and draws them, before its outputs are written."""
 
     worst: bool
     picture: Path | None
@@ -277,18 +277,18 @@ class _WorstFinder:
 
 
 def _folder(options: argparse.Namespace) -> Path | None:
-    """Return the folder that the outputs go into; None: beside the files, or it is a file."""
+    """Return the output folder; None if outputs are beside inputs, or ``--output`` is a file."""
     output: Path | None = options.output
-    searched = [path.resolve() for path in options.files if path.is_dir()]
-    if output is None and len(options.files) == len(searched) == 1:
-        output = beside(searched[0], CLEANED)
-    if output is None or (len(options.files) == 1 and not (output.is_dir() or searched)):
-        if searched:
+    roots = [path.resolve() for path in options.files if path.is_dir()]
+    if output is None and len(options.files) == len(roots) == 1:
+        output = beside(roots[0], CLEANED)
+    if output is None or (len(options.files) == 1 and not (output.is_dir() or roots)):
+        if roots:
             raise ParameterError('--output of a folder and others', 'given', 'none')
         return None
     if output.exists() and not output.is_dir():
         raise ParameterError('--output of several files', 'a folder', output)
-    for root in searched:
+    for root in roots:
         refuse_inside(output, root)
     if not options.dry_run:
         try:
@@ -300,7 +300,7 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 
 def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
-    """Refuse options that do not go together."""
+    """Refuse conflicting options."""
     from lidar_outlier_filter.disk.new_files import FILE, check_new
 
     check_workers(options, is_archive=is_archive)
@@ -316,7 +316,7 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
 
 
 def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
-    """Name the outputs of all files, and of those in folders, which are searched."""
+    """List the tasks of all files; folders are searched recursively."""
     from lidar_outlier_filter.archive.locations import find_files
     from lidar_outlier_filter.files.cloud_file import SUFFIXES
     from lidar_outlier_filter.files.text import is_prose
@@ -327,31 +327,31 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
             tasks.append(_task(path, options, folder, path.name))
             continue
         root = path.resolve()
-        for one in find_files(root, SUFFIXES):
-            if is_prose(one):
-                say(f'{one} is skipped: it is text without columns of numbers')
+        for file in find_files(root, SUFFIXES):
+            if is_prose(file):
+                say(f'{file} is skipped: it is text without columns of numbers')
             else:
-                tasks.append(_task(one, options, folder, str(one.relative_to(root))))
+                tasks.append(_task(file, options, folder, str(file.relative_to(root))))
     return tasks
 
 
 def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: str) -> Task:
-    """Return the task of a file of many."""
+    """Return the task of one file."""
     from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.archive.locations import Location, location_of
 
     outputs = _outputs(path, options, folder, source)
     folder = outputs[0].parent if folder is None else folder
-    there = path.is_file()  # otherwise the error is reported when it is opened
-    location = location_of(path.absolute()) if there else Location(path.absolute(), 0, '')
-    names = tuple(str(one.relative_to(folder)) for one in outputs)
+    is_file = path.is_file()  # if not, opening it reports the error
+    location = location_of(path.absolute()) if is_file else Location(path.absolute(), 0, '')
+    names = tuple(str(output.relative_to(folder)) for output in outputs)
     return Task(location, source, folder.absolute(), names)
 
 
 def _outputs(
     path: Path, options: argparse.Namespace, folder: Path | None, source: str
 ) -> list[Path]:
-    """Name the outputs after the file, and put them beside it unless a folder is given."""
+    """Return the paths of a file's outputs, in ``folder`` or else beside the file."""
     from lidar_outlier_filter.files.cloud_file import copy_suffix
     from lidar_outlier_filter.files.judged_file import SEPARATE
 
@@ -366,11 +366,11 @@ def _outputs(
     return [output, output.with_name(stem + OUTLIERS + output.suffix)]
 
 
-def _classes(options: argparse.Namespace, which: str) -> tuple[int, ...]:
-    """Read classes, whole numbers separated by commas."""
-    text = getattr(options, f'{which}_classes') or ''
+def _classes(options: argparse.Namespace, option: str) -> tuple[int, ...]:
+    """Parse classes: integers separated by commas."""
+    text = getattr(options, f'{option}_classes') or ''
     names = names_in(text)
     if not all(name.isdecimal() for name in names):
         must_be = 'whole numbers, with commas between'
-        raise ParameterError(f'--{which}-classes', must_be, text)
+        raise ParameterError(f'--{option}-classes', must_be, text)
     return tuple(map(int, names))

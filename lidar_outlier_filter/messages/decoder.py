@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""PointCloud2 → Points: which field is the time, what makes a line, which returns are missing."""
+"""Convert PointCloud2 to Points: time field, scan lines and missing returns."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Convention:
-    """How the clouds of one layout are read; ``None`` where there is no field."""
+    """How clouds of one field layout are read; a field is ``None`` if the layout lacks it."""
 
     time_field: str | None
     time_unit: str
     time_is_absolute: bool
     line_source: str
     line_field: str | None
-    missing: str = ''
-    is_final: bool = True  # False where all times were 0, which have no unit
+    warning: str = ''
+    is_final: bool = True  # False while all times are 0, which leaves the unit open
 
     @property
     def has_rings(self) -> bool:
@@ -62,7 +62,7 @@ class Convention:
         return self.line_source in {'field', 'row'}
 
     def __str__(self) -> str:
-        """Say in one sentence what was found."""
+        """Describe it for the log."""
         if self.time_field is None:
             time = 'times from points_per_second'
         else:
@@ -73,7 +73,7 @@ class Convention:
 
 
 class Decoder:
-    """Reads the clouds of one topic; remembers what was found and the scan line it is in."""
+    """Decodes the clouds of one topic; keeps their conventions and the current scan line."""
 
     def __init__(
         self,
@@ -81,96 +81,96 @@ class Decoder:
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
     ) -> None:
-        """Take the parameters; ``inform`` and ``warn`` get what is found and missing, once."""
+        """Store the parameters; ``inform`` and ``warn`` receive one sentence per layout."""
         self.parameters = parameters
         self._inform = inform
         self._warn = warn
-        self.convention: Convention | None = None  # of the last cloud that had a valid point
-        self._found: dict[np.dtype[np.void], Convention] = {}
+        self.convention: Convention | None = None  # of the last cloud with a valid point
+        self._conventions: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
-        self._before = self._counter
+        self._previous_counter = self._counter
         self._mask = mask_of(parameters)
-        self._coarse = False  # whether it was said that coordinates are
+        self._has_warned_of_steps = False
 
     def compile(self) -> None:
-        """Run every kernel once on nothing, so that it is ready for the first cloud."""
+        """Compile the kernels by calling each on empty arrays."""
         returns(np.empty((0, 3)))
-        Mask.nothing(0).covers(_nothing(with_sigma=False), 0.0)
+        Mask.nothing(0).covers(_empty_points(with_sigma=False), 0.0)
         LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
-    # Signalling NaN are NaN like any other: no warning where they are converted or compared.
+    # Signalling NaNs raise no warning when they are converted or compared.
     @np.errstate(invalid='ignore')
     def decode(self, msg: Any) -> Points:
-        """Read a cloud, row by row.
+        """Convert a cloud to points, in row-major order.
 
         Returns
         -------
         Points
-            One for each point of the message. Time of invalid points is 0.
+            One per point of the message. Invalid points have time 0.
 
         Raises
         ------
         CloudError
-            If the cloud cannot be read, if a coordinate is beyond ``FARTHEST``, or if a valid
-            one has no time or no standard deviation.
+            If the cloud cannot be decoded, a coordinate is beyond ``FARTHEST``, or a valid point has
+            no time or no standard deviation.
 
         """
-        self._before = copy.copy(self._counter)
+        self._previous_counter = copy.copy(self._counter)
         view = self.view(msg)
         if view is None:
-            return _nothing(with_sigma=bool(self.parameters.sigma_field))
+            return _empty_points(with_sigma=bool(self.parameters.sigma_field))
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
         convention = self._convention(view, valid)
         if convention is None:
-            # No valid point: nothing to find out from, and nothing to judge.
+            # Without a valid point there is no convention, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
             return Points(xyz, zeros, zeros, valid, self._sigma(view, valid))
         t = self._time(view, valid, msg.header.stamp, convention)
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
-        # By now nothing is refused any more.
-        self._remember(view.dtype, convention)
-        if not self._coarse:
-            self._check_steps(view.dtype, xyz, valid)
+        # The cloud is accepted from here on.
+        self._store(view.dtype, convention)
+        if not self._has_warned_of_steps:
+            self._warn_of_steps(view.dtype, xyz, valid)
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
         return masked(points, self._mask, self.parameters)
 
     def view(self, msg: Any) -> Rows | None:
-        """Return a view of a cloud's points; None if it has no points.
+        """Return a cloud's points as a structured view; None if it is empty.
 
         Raises
         ------
         CloudError
-            If it cannot be processed.
+            If its fields or shape cannot be processed.
 
         """
         self._refuse_scores(msg)
         if is_empty(msg):
             return None
         view = structured(msg)
-        self._refuse_holes(view)
+        self._refuse_integers(view)
         return view
 
     def undo(self) -> None:
-        """Forget the scan lines that the last cloud began: it was refused after all."""
-        self._counter = self._before
+        """Restore the line counter from before the last cloud, which was refused."""
+        self._counter = self._previous_counter
 
     def reset(self) -> None:
-        """Forget the scan angles so far: what comes has nothing to do with them."""
+        """Reset the line counter: the next cloud does not continue the last one."""
         self._counter.reset()
 
     def _refuse_scores(self, msg: Any) -> None:
-        """Refuse a cloud that has the scores already, where they are to be added."""
+        """Refuse a cloud that already has score fields, if scores are to be added."""
         names = [item.name for item in msg.fields]
         if self.parameters.scores and not SCORE_FIELDS.keys().isdisjoint(names):
             must_be = 'without ' + ', '.join(SCORE_FIELDS)
             raise CloudError('the fields', must_be, ', '.join(names))
 
-    def _refuse_holes(self, view: Rows) -> None:
-        """Refuse an organised cloud that could not keep its shape, where it is to."""
+    def _refuse_integers(self, view: Rows) -> None:
+        """Refuse an organised cloud whose coordinates cannot be NaN, if it keeps its shape."""
         if self.parameters.keep_organized and view.shape[0] > 1:
             for axis in AXES:
                 if view.dtype[axis].kind != 'f':
@@ -178,47 +178,45 @@ class Decoder:
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
     def _convention(self, view: Rows, valid: Bools) -> Convention | None:
-        """Return how clouds of this layout are read; None where no point tells."""
-        found = self._found.get(view.dtype)
+        """Return the convention of this layout; None until it has a valid point."""
+        found = self._conventions.get(view.dtype)
         if found is not None and (found.is_final or not valid.any()):
             return found
-        if found is None and len(self._found) == MAX_LAYOUTS:
+        if found is None and len(self._conventions) == MAX_LAYOUTS:
             must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
             raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
-        return self._find_out(view, valid) if valid.any() else None
+        return self._detect(view, valid) if valid.any() else None
 
-    def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
-        """Read all clouds of this layout in the same way, and report it once."""
+    def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
+        """Keep the convention for later clouds of this layout, and report it once."""
         self.convention = convention
-        before = self._found.get(dtype)
-        self._found[dtype] = convention
-        if before is None or str(before) != str(convention):
+        previous = self._conventions.get(dtype)
+        self._conventions[dtype] = convention
+        if previous is None or str(previous) != str(convention):
             self._inform(str(convention))
-        if before is None and convention.missing:
+        if previous is None and convention.warning:
             names = short(', '.join(dtype.names or ()))
-            self._warn(f'among the fields {names} there is {convention.missing}')
+            self._warn(f'among the fields {names} there is {convention.warning}')
 
-    def _check_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
-        """Warn, once, of coordinates that are too far away for float32."""
+    def _warn_of_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
+        """Warn once of coordinates whose float32 resolution is too coarse."""
         single = [dtype[axis].base.itemsize == 4 and dtype[axis].kind == 'f' for axis in AXES]  # noqa: PLR2004  bytes
         if warning := too_coarse(xyz, valid, single):
-            self._coarse = True
+            self._has_warned_of_steps = True
             self._warn(warning)
 
-    def _find_out(self, view: Rows, valid: Bools) -> Convention:
+    def _detect(self, view: Rows, valid: Bools) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
-        missing, is_final = [], True
+        warnings, is_final = [], True
         time_field = _choose(view, parameters.time_field, TIME_NAMES, 'time_field', 'iuf')
         unit, absolute = parameters.time_unit, parameters.time_reference == 'absolute'
         if time_field is None:
             if parameters.points_per_second == 0:
-                must_be = (
-                    'one of ' + ', '.join(TIME_NAMES) + ', or time_field or points_per_second set'
-                )
+                must_be = f'one of {", ".join(TIME_NAMES)}, or time_field or points_per_second set'
                 raise CloudError('the time field', must_be, f'the fields {names}')
             rate = parameters.points_per_second
-            missing.append(f'no time field: times follow from points_per_second {rate:g}')
+            warnings.append(f'no time field: times follow from points_per_second {rate:g}')
         else:
             values = np.abs(_column(view, time_field)[valid].astype(np.float64))
             is_final = 'auto' not in {unit, parameters.time_reference} or bool(values.any())
@@ -230,39 +228,32 @@ class Decoder:
         if source in {'auto', 'field'}:
             line_field = _choose(view, parameters.line_field, LINE_NAMES, 'line_field', 'iu')
         if source == 'field' and line_field is None:
-            raise CloudError(
-                'the line field', 'one of ' + ', '.join(LINE_NAMES), f'the fields {names}'
-            )
+            must_be = 'one of ' + ', '.join(LINE_NAMES)
+            raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
             if source != 'field':
-                cut = ', so verdicts depend on the cut into messages' * (source == 'message')
-                missing.append(f'no line field: each {source} is a scan line (line_source){cut}')
-        about = '; '.join(missing)
-        found = Convention(time_field, unit, absolute, source, line_field, about, is_final)
+                note = ', so verdicts depend on the cut into messages' * (source == 'message')
+                warnings.append(f'no line field: each {source} is a scan line (line_source){note}')
+        warning = '; '.join(warnings)
+        found = Convention(time_field, unit, absolute, source, line_field, warning, is_final)
         if self._mask is not None and not found.has_rings:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
         return found
 
     def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:
-            # The points of a column of an organised cloud are fired together.
+            # All rows of one column of an organised cloud have the same time.
             height, width = view.shape
             column = np.tile(np.arange(width), height)
             step = height * SECOND / self.parameters.points_per_second
-            after: Ints = np.rint(column * step).astype(np.int64)
-            return after + _nanoseconds(stamp)
+            offset: Ints = np.rint(column * step).astype(np.int64)
+            return offset + _nanoseconds(stamp)
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
         start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
         return np.asarray(np.where(valid, t + start, 0))
 
-    def _line(
-        self,
-        view: Rows,
-        xyz: Floats,
-        valid: Bools,
-        convention: Convention,
-    ) -> Ints:
+    def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:
         height, width = view.shape
         if convention.line_source == 'field':
             return np.asarray(_column(view, str(convention.line_field)).astype(np.int64))
@@ -281,11 +272,11 @@ class Decoder:
         return np.arctan2(xyz[:, second], xyz[:, first])
 
     def _intensity(self, view: Rows) -> Singles | None:
-        """Return the intensities, if the cloud has them and a detector reads them."""
+        """Return the intensity field, if it exists and a detector uses it."""
         if not reads(self.parameters, 'intensity'):
             return None
         name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')
-        with np.errstate(over='ignore'):  # what is too bright is inf
+        with np.errstate(over='ignore'):  # larger than float32: inf
             return None if name is None else _column(view, name).astype(np.float32)
 
     def _sigma(self, view: Rows, valid: Bools) -> Floats | None:
@@ -297,14 +288,14 @@ class Decoder:
         return sigma
 
 
-def _nothing(*, with_sigma: bool) -> Points:
-    none = np.empty(0, np.int64)
+def _empty_points(*, with_sigma: bool) -> Points:
+    no_integers = np.empty(0, np.int64)
     sigma = np.empty(0) if with_sigma else None
-    return Points(np.empty((0, 3)), none, none, np.empty(0, np.bool_), sigma)
+    return Points(np.empty((0, 3)), no_integers, no_integers, np.empty(0, np.bool_), sigma)
 
 
 def _nanoseconds(stamp: Any) -> int:
-    """Return the time of a header; an array that came without one has no such time."""
+    """Return the stamp of a header; refuse an array that was passed without ``stamp``."""
     if stamp is None:
         must_be = 'given, in nanoseconds, for an array whose times count from it'
         raise CloudError('the stamp', must_be, 'none')
@@ -316,7 +307,7 @@ def _column(view: Rows, name: str) -> NDArray[Any]:
 
 
 def _named(view: Rows, name: str, parameter: str, kinds: str) -> NDArray[Any]:
-    """Return the column that a parameter names, or refuse the cloud."""
+    """Return the field that a parameter names; refuse the cloud if it is absent or not numeric."""
     names = view.dtype.names or ()
     if name not in names:
         must_be = 'one of the fields ' + ', '.join(names)
@@ -328,11 +319,11 @@ def _named(view: Rows, name: str, parameter: str, kinds: str) -> NDArray[Any]:
 
 
 def _choose(
-    view: Rows, name: str, usual: tuple[str, ...], parameter: str, kinds: str
+    view: Rows, name: str, common: tuple[str, ...], parameter: str, kinds: str
 ) -> str | None:
-    """Return the field that a parameter names; under 'auto' the first usual one that fits."""
+    """Return the name of a field: the given one, or with 'auto' the first common one present."""
     if name != 'auto':
         _named(view, name, parameter, kinds)
         return name
     names = view.dtype.names or ()
-    return next((n for n in usual if n in names and view.dtype[n].kind in kinds), None)
+    return next((n for n in common if n in names and view.dtype[n].kind in kinds), None)

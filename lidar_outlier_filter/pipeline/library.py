@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The Python library: one whole cloud, and a stream of clouds."""
+"""The Python interface: ``detect_outliers`` for single clouds, ``CloudFilter`` for streams."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
 
 
 class CloudFilter(Pipeline):
-    """Filters a stream of clouds: each gives one cleaned and one outlier cloud, in order.
+    """Splits each cloud of a stream into a cleaned and an outlier cloud, in order.
 
     Parameters
     ----------
     parameters : mapping of flat names to values, or FilterParameters; optional
-        All others have their defaults.
+        Parameters that are not given have their defaults.
     inform, warn : callable, optional
         Called with sentences, each once, on how clouds are read and judged, or on missing fields.
     chain : str or sequence of str, optional
@@ -46,13 +46,13 @@ class CloudFilter(Pipeline):
     Attributes
     ----------
     parameters : FilterParameters
-        The parameters in force.
+        The current parameters.
     statistics : Statistics
         Counts since the start.
     refuse : callable
-        Called with the error of an accepted cloud that is refused when its block is judged.
+        Called with the error of a cloud that is refused only when its block is judged.
     fail : callable
-        Called with an error that a detector raised, once for each line of code.
+        Called with an exception of a detector, once for each line of code that raised it.
     slow : callable
         Called from another thread while a detector takes more than 10 × ``max_delay`` for a block,
         for each such block; ``warn`` is called once for each detector.
@@ -85,28 +85,28 @@ class CloudFilter(Pipeline):
         *,
         chain: str | Sequence[str] | None = None,
     ) -> None:
-        """Make all kernels ready."""
-        super().__init__(gather(parameters, chain), inform, warn)
+        """Load the kernels; compile those that are not cached."""
+        super().__init__(with_defaults(parameters, chain), inform, warn)
 
     def push(
         self, cloud: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
     ) -> list[SplitCloud]:
-        """Filter the next cloud; return the split clouds that it completes, oldest first.
+        """Add the next cloud; return the clouds that are finished, oldest first.
 
         Parameters
         ----------
         cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
-            With the fields x, y and z, metres. Its cleaned and outlier clouds are of the same kind.
-            It must not change until they are returned.
+            With the fields x, y and z, metres. The outputs have the same type.
+            It must not be modified until its outputs are returned.
         tag : optional
             Any object; it is returned with the outputs.
         stamp : int, optional
-            Reference of relative times in an array, nanoseconds; absolute times need none.
+            Reference of an array's relative times, nanoseconds; not needed for absolute times.
 
         Raises
         ------
         CloudError
-            If the cloud is invalid. It is counted, and the next one is accepted.
+            If the cloud is invalid. It is counted as refused; the stream continues.
 
         Examples
         --------
@@ -121,7 +121,7 @@ class CloudFilter(Pipeline):
         return self.process(cloud, tag, stamp=stamp)
 
 
-def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
+def detect_outliers(  # noqa: PLR0913  arrays and options
     xyz: Any,
     *,
     t: ArrayLike | None = None,
@@ -130,31 +130,31 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     chain: str | Sequence[str] | None = None,
     parameters: FilterParameters | Mapping[str, object] | None = None,
 ) -> Verdict:
-    """Find the outliers of a cloud, all of whose points are judged together.
+    """Find the outliers of a single cloud, judging all its points together.
 
     Parameters
     ----------
     xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2
-        Positions, metres. Missing returns (NaN, Inf, or all three 0) are kept, and their score is
-        NaN. Structured arrays and PointCloud2 have times, rings and intensities in fields.
+        Coordinates, metres. Missing returns (NaN, Inf, or all three 0) are kept; their score is
+        NaN. Structured arrays and PointCloud2 have times, rings and intensities as fields.
     t : (N,) array, optional
         Time of each point: floats are seconds, integers are nanoseconds.
     line : (N,) array of integers, optional
         Scan line of each point: a ring, or the number of a profile scanner's revolution.
     intensity : (N,) array, optional
-        Intensity of each point, in any unit; NaN where it is not known.
+        Intensity of each point, in any unit; NaN if unknown.
     chain : str or sequence of str, optional
         Detectors in their order; ``alpha_beta_gamma`` needs ``t`` and ``line``, and
-        ``boosted_trees``, the default, uses them where they are given.
+        ``boosted_trees``, the default, uses them if they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
-        As in ``{'lof.threshold': 1.5}``. Those for streams (``block``, ``halo``) have no effect.
+        Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` have no effect here.
 
     Returns
     -------
     Verdict
         In the order of the points, row by row: ``outlier`` (N,) bool; ``score`` (N,) float32, more
-        than 1 where a detector rejects the point, NaN where none could test it; ``detectors`` (N,)
-        uint16, the sum of those that reject it: 1 alpha_beta_gamma, 2 quadric, 4 lof, 8 sor,
+        than 1 if a detector rejects the point, NaN if no detector tested it; ``detectors`` (N,)
+        uint16, the sum of the rejecting detectors: 1 alpha_beta_gamma, 2 quadric, 4 lof, 8 sor,
         16 hierarchical, 32 elevation, 64 boosted_trees.
 
     Raises
@@ -174,48 +174,50 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     [77]
 
     """
-    settings = gather(parameters, chain)
-    points, lack = _read(xyz, {'t': t, 'line': line, 'intensity': intensity}, settings)
-    if lack:
-        check_chain(settings.chain, 'the cloud', lack)
-        nothing = np.zeros(len(points), np.int64)
-        points = with_rings(replace(points, t=nothing, line=nothing), settings)
+    settings = with_defaults(parameters, chain)
+    points, reason = _decode(xyz, {'t': t, 'line': line, 'intensity': intensity}, settings)
+    if reason:
+        check_chain(settings.chain, 'the cloud', reason)
+        zeros = np.zeros(len(points), np.int64)
+        points = with_rings(replace(points, t=zeros, line=zeros), settings)
     return judge_whole(points, settings)
 
 
-def _read(
+def _decode(
     cloud: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
 ) -> tuple[Points, str]:
-    """Read the points of a cloud; say what it lacks to have scan lines."""
+    """Convert a cloud to points; also return why they have no scan lines ('' if they do)."""
     is_array = isinstance(cloud, np.ndarray)
     if not hasattr(cloud, 'fields') and not (is_array and cloud.dtype.names is not None):
-        return _points(cloud, columns, parameters)
+        return _from_arrays(cloud, columns, parameters)
     for name, values in columns.items():
         if values is not None:
             raise CloudError(name, 'a field of the cloud', 'a separate array')
     decoder = Decoder(parameters)
-    # What times count from does not matter within one cloud.
+    # Within one cloud the reference of its times has no effect.
     points = decoder.decode(as_message(cloud, 0 if is_array else None))
-    found = decoder.convention
-    if found is None:
+    convention = decoder.convention
+    if convention is None:
         return points, ''
-    by_message = found.line_source == 'message' and parameters.line_source == 'auto'
-    return points, NO_TIME if found.time_field is None else NO_LINES if by_message else ''
+    is_one_line = convention.line_source == 'message' and parameters.line_source == 'auto'
+    if convention.time_field is None:
+        return points, NO_TIME
+    return points, NO_LINES if is_one_line else ''
 
 
-def _points(
+def _from_arrays(
     xyz: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
 ) -> tuple[Points, str]:
-    """Make points of plain arrays; say what they lack to have scan lines."""
+    """Convert plain arrays to points; see :func:`_decode`."""
     for name in FIELDS:
         value = parameters.value(name)
         if value not in {'', 'auto'}:
             must_be = 'unset for an array without fields'
             raise ParameterError(name, must_be, repr(value))
-    given = _numbers('xyz', xyz, 'iuf')
-    if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
-        raise CloudError('the shape of xyz', '(N, 3)', given.shape)
-    xyz, count = np.ascontiguousarray(given, np.float64), len(given)
+    array = _numeric('xyz', xyz, 'iuf')
+    if array.ndim != 2 or array.shape[1] != 3:  # noqa: PLR2004  x, y, z
+        raise CloudError('the shape of xyz', '(N, 3)', array.shape)
+    xyz, count = np.ascontiguousarray(array, np.float64), len(array)
     t, line, intensity = (
         None if values is None else _column(name, values, 'iu' if name == 'line' else 'iuf', count)
         for name, values in columns.items()
@@ -223,30 +225,29 @@ def _points(
     mask = mask_of(parameters)
     if mask is not None and line is None:
         raise CloudError('line', 'the ring of each point if mask is set', 'none')
-    valid, none = is_return(xyz), np.zeros(count, np.int64)
+    valid, zeros = is_return(xyz), np.zeros(count, np.int64)
     unit = 's' if t is not None and t.dtype.kind == 'f' else 'ns'
     points = Points(
         xyz,
-        none if t is None else to_nanoseconds(t, valid, unit),
-        none if line is None else line.astype(np.int64),
+        zeros if t is None else to_nanoseconds(t, valid, unit),
+        zeros if line is None else line.astype(np.int64),
         valid,
         intensity=None if intensity is None else intensity.astype(np.float32),
     )
-    lack = NO_TIME if t is None else NO_LINES if line is None else ''
-    return masked(points, mask, parameters), lack
+    reason = NO_TIME if t is None else NO_LINES if line is None else ''
+    return masked(points, mask, parameters), reason
 
 
 def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:
-    array = _numbers(name, values, kinds)
+    array = _numeric(name, values, kinds)
     if array.shape != (count,):
-        raise CloudError(
-            f'the shape of {name}', f'({count},), as xyz has {count} points', array.shape
-        )
+        must_be = f'({count},), as xyz has {count} points'
+        raise CloudError(f'the shape of {name}', must_be, array.shape)
     return array
 
 
-def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
-    """Make an array of numbers; ``kinds`` are those of numpy that are allowed."""
+def _numeric(name: str, values: Any, kinds: str) -> NDArray[Any]:
+    """Convert to a numeric array; ``kinds`` are the allowed values of ``dtype.kind``."""
     must_be = 'an array of numbers' if 'f' in kinds else 'an array of integers'
     if isinstance(values, np.ma.MaskedArray):
         raise CloudError(name, f'{must_be} without a mask', 'a masked array')
@@ -254,26 +255,26 @@ def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
         array = np.asarray(values)
     except ValueError as err:
         raise CloudError(name, must_be, 'rows of different lengths') from err
-    # An empty list is one of floats for numpy.
+    # NumPy converts an empty list to floats.
     if array.dtype.kind not in kinds and array.size:
         raise CloudError(name, must_be, f'{array.dtype}')
     return array
 
 
-def gather(parameters: object, chain: str | Sequence[str] | None = None) -> FilterParameters:
-    """Return parameters; those that are not given have their defaults.
+def with_defaults(parameters: object, chain: str | Sequence[str] | None = None) -> FilterParameters:
+    """Return the parameters, with defaults for those that are not given.
 
     Parameters
     ----------
     parameters : mapping of flat names to values, or FilterParameters; optional
-        Values may be numpy's numbers.
+        Values may be NumPy scalars.
     chain : str or sequence of str, optional
         The detectors, in the order in which they run.
 
     Raises
     ------
     ParameterError
-        If a name is unknown, a value is invalid, or the chain is given twice.
+        If a name is unknown, a value is invalid, or the chain is given in both.
 
     """
     chain = [chain] if isinstance(chain, str) else chain

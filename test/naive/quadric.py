@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The quadric detector as textbook loops: the slow twin that the fast one is compared with.
+"""Reference implementation of the quadric detector in plain loops, for tests of its kernels.
 
-Nothing of the package is imported here, so that no mistake can be shared. Equation numbers are
+It imports nothing from the package, so both cannot share an error. Equation numbers are
 those of Leslar, Wang and Hu, "A comparison of two new methods of outlier detection for mobile
 terrestrial lidar data" (2010), section 2.2. Points are (3,) arrays.
 """
@@ -29,13 +29,13 @@ PLANE, PARABOLOID, QUADRIC = 4, 7, 10
 
 @dataclass
 class Rules:
-    """Significance of a test, least standard deviation in metres, and the other parameters."""
+    """Parameters: significance level of the tests, minimum standard deviation (metres), others."""
 
     significance: float = 1e-6
-    floor: float = 0.005
-    fewest: int = 12
-    surfaces: int = 3
-    always: bool = False
+    min_sigma: float = 0.005
+    min_points: int = 12
+    max_surfaces: int = 3
+    always_quadric: bool = False
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Step:
 
 @dataclass
 class Fit:
-    """A surface fitted to some points, and what it says of all: v, σ², slope, B Q Bᵀ."""
+    """A surface fitted to the kept points; v, σ², slope and lever B Q Bᵀ of every point."""
 
     size: int
     kept: Members
@@ -76,13 +76,13 @@ class Fit:
 
 
 def row(p: Floats, r: float) -> Floats:
-    """B (23), its columns so ordered that the first 4 and 7 are models too; products times r."""
+    """Return a row of B (23); its first 4 or 7 columns are smaller models. Products times r."""
     x, y, z = p
     return np.array([1, x, y, z, x * x, r * x * y, y * y, r * x * z, r * y * z, z * z])
 
 
 def gradient(a: Floats, p: Floats, r: float) -> Floats:
-    """Return A (25)-(27)."""
+    """Return the row of A (25)-(27)."""
     x, y, z = p
     return np.array(
         [
@@ -94,7 +94,7 @@ def gradient(a: Floats, p: Floats, r: float) -> Floats:
 
 
 def fit_plane(points: Floats, weights: Floats) -> Plane:
-    """Plane of the least weighted squares of distances."""
+    """Fit a plane by weighted least squares of distances."""
     mean = sum(w * p for w, p in zip(weights, points, strict=True)) / sum(weights)
     moments = sum(w * np.outer(p - mean, p - mean) for w, p in zip(weights, points, strict=True))
     values, vectors = np.linalg.eigh(moments)
@@ -102,17 +102,17 @@ def fit_plane(points: Floats, weights: Floats) -> Plane:
 
 
 def is_plane(plane: Plane, floor: float) -> bool:
-    """Return a plane from a line."""
+    """Return whether the points span a plane, and not only a line."""
     return bool(plane.moments[1] > floor**2 * plane.weight)
 
 
 def heights(plane: Plane, points: Floats) -> Floats:
-    """Distances of points from a plane, with sign."""
+    """Return the signed distances of points from a plane."""
     return np.array([plane.axes[0] @ (p - plane.mean) for p in points])
 
 
 def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
-    """Residuals, variances and levers under a plane: height and two tilts, uncorrelated."""
+    """Measure points against a plane, whose height and two tilts are uncorrelated."""
     _, middle, long = plane.axes
     lever = [
         1 / plane.weight
@@ -120,38 +120,30 @@ def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
         + (long @ (p - plane.mean)) ** 2 / plane.moments[2]
         for p in points
     ]
-    return Fit(
-        PLANE,
-        [],
-        heights(plane, points),
-        variance,
-        np.ones(len(points)),
-        np.array(lever),
-        np.zeros(10),
-        np.zeros(0),
-    )
+    fit = heights(plane, points), variance, np.ones(len(points)), np.array(lever)
+    return Fit(PLANE, [], *fit, np.zeros(10), np.zeros(0))
 
 
 class Frame:
-    """Points in the frame of a plane: x along, y across, z up; the models above a plane."""
+    """Points in the frame of a plane (z: its normal), for paraboloids and quadrics."""
 
     def __init__(self, plane: Plane, points: Floats, variance: Floats) -> None:
-        """Turn points and variances."""
-        turn = plane.axes[::-1]
+        """Rotate the points into the frame."""
+        rotation = plane.axes[::-1]
         self.root = sqrt(2)
-        self.points = np.array([turn @ (p - plane.mean) for p in points])
+        self.points = np.array([rotation @ (p - plane.mean) for p in points])
         self.variance = variance
         self.rows = np.array([row(p, self.root) for p in self.points])
 
     def spread(self, a: Floats, kept: Members) -> tuple[Floats, Floats]:
-        """Slopes, and variances (30), which are held at a hundredth of their mean."""
-        steep = [gradient(a, p, self.root) for p in self.points]
-        sigma2 = np.array([d * (g @ g) for g, d in zip(steep, self.variance, strict=True)])
-        least = MIN_VARIANCE * np.mean(sigma2[kept])
-        return np.array([sqrt(g @ g) for g in steep]), np.maximum(sigma2, least)
+        """Return slopes, and variances (30), which are at least 1 % of their mean."""
+        gradients = [gradient(a, p, self.root) for p in self.points]
+        sigma2 = np.array([d * (g @ g) for g, d in zip(gradients, self.variance, strict=True)])
+        minimum = MIN_VARIANCE * np.mean(sigma2[kept])
+        return np.array([sqrt(g @ g) for g in gradients]), np.maximum(sigma2, minimum)
 
     def step(self, a: Floats, weights: Floats, size: int) -> Step | None:
-        """Solve (29) under aᵀ δa = 0; None if it is ambiguous."""
+        """Solve (29) under aᵀ δa = 0; None if the matrix is singular."""
         rows = self.rows[:, :size]
         normal = sum(w * np.outer(b, b) for w, b in zip(weights, rows, strict=True))
         largest = max(np.diag(normal))
@@ -167,7 +159,7 @@ class Frame:
         return Step(change, cofactor, before, max(before + slope @ change, 0.0))
 
     def adjust(self, a: Floats, kept: Members, size: int) -> Fit | None:
-        """Adjust from a until it stands."""
+        """Iterate (29) from a until it converges; None if a step fails."""
         a = a.copy()
         solution = None
         for _ in range(ADJUSTMENTS):
@@ -186,15 +178,15 @@ class Frame:
         return Fit(size, kept, self.rows @ a, sigma2, slope, lever, a, np.zeros(0))
 
     def algebraic(self, kept: Members) -> tuple[Floats, float]:
-        """Eigenvector of the least eigenvalue (19), and the gap to the second."""
+        """Return the eigenvector of the smallest eigenvalue (19), and its gap to the second."""
         _, vectors = np.linalg.eigh(self.rows[kept].T @ self.rows[kept])
-        far = []
+        mean_squares = []
         for a in vectors.T[:2]:
             slope, _ = self.spread(a, kept)
-            far.append(sum((self.rows[kept] @ a) ** 2) / sum(slope[kept] ** 2))
-        # Of points exactly on a plane the best is z² = 0, which has no slope: there is no gap.
+            mean_squares.append(sum((self.rows[kept] @ a) ** 2) / sum(slope[kept] ** 2))
+        # Points exactly on a plane give z² = 0, whose slope is 0: the gap is NaN.
         with np.errstate(divide='ignore', invalid='ignore'):
-            return vectors[:, 0], far[1] / far[0]
+            return vectors[:, 0], mean_squares[1] / mean_squares[0]
 
 
 # Tests --------------------------------------------------------------------------------------------
@@ -202,7 +194,7 @@ class Frame:
 
 @dataclass
 class Growth:
-    """Least standard deviation; noise and freedom of the first surface, if they hold this one."""
+    """Minimum σ; σ and degrees of freedom of the first surface, if they bound this one."""
 
     floor: float
     noise: float = inf
@@ -210,7 +202,7 @@ class Growth:
 
 
 def scores_of(fit: Fit, rules: Rules, growth: Growth) -> Floats | None:
-    """T (31) ÷ its critical value, of all points."""
+    """Return T (31) ÷ its critical value for every point; None without degrees of freedom."""
     kept = fit.kept
     freedom = len(kept) - (fit.size - 1)
     if freedom < 1:
@@ -218,16 +210,16 @@ def scores_of(fit: Fit, rules: Rules, growth: Growth) -> Floats | None:
     squares = sum(fit.residual[i] ** 2 / fit.sigma2[i] for i in kept) / freedom
     if growth.freedom:
         unit = sum(fit.slope[i] ** 2 / fit.sigma2[i] for i in kept) / len(kept)
-        least = growth.noise**2 * unit
-        squares = min(max(squares, least), TIGHT**2 * least)
+        minimum = growth.noise**2 * unit
+        squares = min(max(squares, minimum), TIGHT**2 * minimum)
         freedom += growth.freedom
     if freedom < 2:
         return None
-    apart = not rules.always and not growth.freedom
+    leaves_out = not rules.always_quadric and not growth.freedom
     scores = []
     for i, v in enumerate(fit.residual):
-        if i in kept and apart:
-            # σ̂0 without the point's own part
+        if i in kept and leaves_out:
+            # σ̂0 of the other points
             degrees, q = freedom - 1, fit.sigma2[i] - fit.lever[i]
             variance = max(squares * freedom * q - v**2, 0.0) / degrees
         else:
@@ -235,7 +227,7 @@ def scores_of(fit: Fit, rules: Rules, growth: Growth) -> Floats | None:
             variance = squares * q
         variance = max(variance, (growth.floor * fit.slope[i]) ** 2)
         statistic = sqrt(v**2 / variance) if v else 0.0
-        scores.append(statistic / two_sided(rules.significance, degrees))
+        scores.append(statistic / t_quantile(rules.significance, degrees))
     return np.array(scores)
 
 
@@ -246,29 +238,29 @@ def deviation(fit: Fit) -> float:
 
 
 def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
-    """F test of three more parameters."""
+    """Return whether three more parameters improve the fit significantly (F test)."""
     if freedom < 1:
         return False
-    ratio = three_more(rules.significance, freedom)
+    ratio = f_quantile(rules.significance, freedom)
     return bool((before - after) / 3 > ratio * after / freedom)
 
 
 @cache
-def two_sided(significance: float, freedom: int) -> float:
-    """Quantile of t that is exceeded, to either side, with this probability."""
+def t_quantile(significance: float, freedom: int) -> float:
+    """Return the two-sided quantile of Student's t."""
     return float(t.isf(significance / 2, freedom))
 
 
 @cache
-def three_more(significance: float, freedom: int) -> float:
-    """Quantile of F, for three more parameters, that is exceeded with this probability."""
+def f_quantile(significance: float, freedom: int) -> float:
+    """Return the upper quantile of F with 3 and ``freedom`` degrees of freedom."""
     return float(f.isf(significance, 3, freedom))
 
 
 def is_flat(fit: Fit) -> bool:
-    """Whether three of four points are close to the surface against its radius."""
-    bend = 2 * sqrt(sum(fit.a[4:] ** 2))
-    curved = sum(abs(fit.residual[i]) * bend > CURVED * fit.slope[i] ** 2 for i in fit.kept)
+    """Return whether three quarters of the points are close to the surface, against its radius."""
+    curvature = 2 * sqrt(sum(fit.a[4:] ** 2))
+    curved = sum(abs(fit.residual[i]) * curvature > CURVED * fit.slope[i] ** 2 for i in fit.kept)
     return bool(4 * curved <= len(fit.kept))
 
 
@@ -294,91 +286,91 @@ class Window:
         n, rules = len(self.points), self.rules
         if not self.scale > 0:
             return [nan] * n
-        floor = rules.floor / self.scale
+        floor = rules.min_sigma / self.scale
         score = np.full(n, inf)
-        left = list(range(n))
+        remaining = list(range(n))
         noise, freedom = inf, 0
-        for number in range(rules.surfaces):
-            start = self.begin(left, floor) if len(left) >= rules.fewest else []
+        for number in range(rules.max_surfaces):
+            start = self.begin(remaining, floor) if len(remaining) >= rules.min_points else []
             if not start:
                 break
             if number:
-                fit = self.grow_another(start, left, Growth(floor, noise, freedom))
+                fit = self.grow_another(start, remaining, Growth(floor, noise, freedom))
             else:
-                fit = self.grow(start, left, Growth(floor))
+                fit = self.grow(start, remaining, Growth(floor))
                 if fit is not None:
                     noise = max(deviation(fit), floor)
                     freedom = len(fit.kept) - (fit.size - 1)
-            if fit is None or (not rules.always and noise > max(THICK, floor)):
+            if fit is None or (not rules.always_quadric and noise > max(THICK, floor)):
                 break
             score = np.minimum(score, fit.test)
-            left = [i for i in range(n) if score[i] > 1]
-        undecided = len(left) == n if rules.always else 3 * len(left) > n
+            remaining = [i for i in range(n) if score[i] > 1]
+        undecided = len(remaining) == n if rules.always_quadric else 3 * len(remaining) > n
         return [nan] * n if undecided else list(score)
 
-    def begin(self, left: Members, floor: float) -> Members:
-        """Choose the points that a surface begins with."""
-        if self.rules.always:
-            return left
-        rank = min(len(left), max(self.rules.fewest, ceil(SHARE * len(left)))) - 1
-        suggestions = [left]
-        for k in range(0, len(left), RUN):
-            run = left[k : k + RUN]
+    def begin(self, remaining: Members, floor: float) -> Members:
+        """Choose the initial points of a surface."""
+        if self.rules.always_quadric:
+            return remaining
+        rank = min(len(remaining), max(self.rules.min_points, ceil(SHARE * len(remaining)))) - 1
+        candidates = [remaining]
+        for k in range(0, len(remaining), RUN):
+            run = remaining[k : k + RUN]
             if 2 * len(run) >= RUN:
-                far = abs(heights(self.plane(run), self.points))
-                reach = sorted(far[run])[len(run) // 2]
-                suggestions.append([i for i in run if far[i] <= reach])
-        best, chosen = inf, None
-        for some in suggestions:
-            plane = self.plane(some)
-            near = sorted(abs(heights(plane, self.points[left])))[rank]
-            if is_plane(plane, floor) and max(near, BLUNT * floor) < best:
-                best, chosen = max(near, BLUNT * floor), plane
-        if chosen is None:
+                distance = abs(heights(self.plane(run), self.points))
+                limit = sorted(distance[run])[len(run) // 2]
+                candidates.append([i for i in run if distance[i] <= limit])
+        best, best_plane = inf, None
+        for subset in candidates:
+            plane = self.plane(subset)
+            rank_distance = sorted(abs(heights(plane, self.points[remaining])))[rank]
+            if is_plane(plane, floor) and max(rank_distance, BLUNT * floor) < best:
+                best, best_plane = max(rank_distance, BLUNT * floor), plane
+        if best_plane is None:
             return []
-        some = []
+        subset = []
         for _ in range(CONCENTRATIONS):
-            far = abs(heights(chosen, self.points))
-            reach = sorted(far[left])[rank]
-            some = [i for i in left if far[i] <= reach]
-            chosen = self.plane(some)
-        return some
+            distance = abs(heights(best_plane, self.points))
+            limit = sorted(distance[remaining])[rank]
+            subset = [i for i in remaining if distance[i] <= limit]
+            best_plane = self.plane(subset)
+        return subset
 
-    def plane(self, some: Members) -> Plane:
-        """Plane of some points with unit weights."""
-        return fit_plane(self.points[some], np.ones(len(some)))
+    def plane(self, subset: Members) -> Plane:
+        """Fit a plane to a subset of the points with unit weights."""
+        return fit_plane(self.points[subset], np.ones(len(subset)))
 
-    def grow(self, start: Members, left: Members, growth: Growth) -> Fit | None:
-        """Grow a surface and raise its model as far as it pays."""
-        if self.rules.always:
+    def grow(self, start: Members, remaining: Members, growth: Growth) -> Fit | None:
+        """Grow a surface; a model with more parameters must improve the fit significantly."""
+        if self.rules.always_quadric:
             self.frame = Frame(self.plane(start), self.points, self.variance)
-            return self.grow_quadric(start, left, growth)
-        plane = self.settle(start, left, PLANE, np.zeros(10), growth)
+            return self.grow_quadric(start, remaining, growth)
+        plane = self.settle(start, remaining, PLANE, np.zeros(10), growth)
         if plane is None or deviation(plane) <= growth.floor:
             return plane
-        bent = self.bend(plane)
-        if bent is None:
+        curved = self.bend(plane)
+        if curved is None:
             return plane
-        paraboloid = self.settle(bent[0], left, PARABOLOID, bent[1], growth)
+        paraboloid = self.settle(curved[0], remaining, PARABOLOID, curved[1], growth)
         if paraboloid is None:
             return plane
         if deviation(paraboloid) <= growth.floor:
             return paraboloid
-        return self.rise(paraboloid, left, growth)
+        return self.rise(paraboloid, remaining, growth)
 
-    def grow_quadric(self, start: Members, left: Members, growth: Growth) -> Fit | None:
-        """Grow a quadric from the algebraic start; None if it is ambiguous."""
+    def grow_quadric(self, start: Members, remaining: Members, growth: Growth) -> Fit | None:
+        """Grow a quadric from the algebraic fit; None if that is ambiguous."""
         assert self.frame is not None
         a, gap = self.frame.algebraic(start)
-        if not gap > GAP and not self.rules.always:
+        if not gap > GAP and not self.rules.always_quadric:
             return None
-        quadric = self.settle(start, left, QUADRIC, a, growth)
-        if self.rules.always:
+        quadric = self.settle(start, remaining, QUADRIC, a, growth)
+        if self.rules.always_quadric:
             return quadric
         return quadric if quadric is not None and is_flat(quadric) else None
 
-    def rise(self, paraboloid: Fit, left: Members, growth: Growth) -> Fit:
-        """Raise a paraboloid to a quadric, if it pays."""
+    def rise(self, paraboloid: Fit, remaining: Members, growth: Growth) -> Fit:
+        """Replace a paraboloid by a quadric, if that improves the fit significantly."""
         assert self.frame is not None
         kept = paraboloid.kept
         weights = np.zeros(len(self.points))
@@ -388,21 +380,21 @@ class Window:
             solution.before, solution.after, len(kept) - 9, self.rules
         ):
             return paraboloid
-        return self.grow_quadric(kept, left, growth) or paraboloid
+        return self.grow_quadric(kept, remaining, growth) or paraboloid
 
-    def grow_another(self, start: Members, left: Members, growth: Growth) -> Fit | None:
-        """Grow one more surface, which is to be like the first."""
-        for tried in (Growth(growth.floor), growth):
-            fit = self.grow(start, left, tried)
-            enough = fit is not None and len(fit.kept) >= PART * len(left)
-            if fit is not None and enough and deviation(fit) <= LIKE * growth.noise:
+    def grow_another(self, start: Members, remaining: Members, growth: Growth) -> Fit | None:
+        """Grow another surface, whose standard deviation is similar to that of the first."""
+        for limits in (Growth(growth.floor), growth):
+            fit = self.grow(start, remaining, limits)
+            is_large = fit is not None and len(fit.kept) >= PART * len(remaining)
+            if fit is not None and is_large and deviation(fit) <= LIKE * growth.noise:
                 return fit
         return None
 
     def settle(
-        self, kept: Members, left: Members, size: int, a: Floats, growth: Growth
+        self, kept: Members, remaining: Members, size: int, a: Floats, growth: Growth
     ) -> Fit | None:
-        """Fit and test until nothing changes."""
+        """Repeat fit and test until the kept points do not change."""
         fit = None
         for number in range(PASSES):
             fit = self.fit(kept, size, a, growth.floor)
@@ -410,16 +402,17 @@ class Window:
             if fit is None or scores is None:
                 return None
             fit.test, a = scores, fit.a
-            following = [i for i in left if scores[i] <= 1 and (i in kept or number < PASSES // 2)]
+            adds = number < PASSES // 2
+            following = [i for i in remaining if scores[i] <= 1 and (i in kept or adds)]
             if following == kept:
                 return fit
-            if len(following) < max(self.rules.fewest, size + 1):
+            if len(following) < max(self.rules.min_points, size + 1):
                 return None
             kept = following
         return fit
 
     def fit(self, kept: Members, size: int, a: Floats, floor: float) -> Fit | None:
-        """Fit the model to some points."""
+        """Fit a model to the kept points."""
         if size != PLANE:
             assert self.frame is not None
             return self.frame.adjust(a, kept, size)
@@ -432,7 +425,7 @@ class Window:
         return fit
 
     def bend(self, plane: Fit) -> tuple[Members, Floats] | None:
-        """Fit a paraboloid to all kept points, and to the best half; None if it is no better."""
+        """Fit a paraboloid to the kept points and to their best half; None if neither is better."""
         assert self.frame is not None
         up = np.eye(10)[3]
         kept, rules = plane.kept, self.rules
@@ -442,32 +435,32 @@ class Window:
         solution = self.frame.step(up, weights, PARABOLOID)
         if solution is None:
             return None
-        bent = is_better(solution.before, solution.after, len(kept) - 6, rules)
+        is_curved = is_better(solution.before, solution.after, len(kept) - 6, rules)
         a = up + np.append(solution.change, np.zeros(3))
-        some = kept
+        best_half = kept
         before = sum(sorted(plane.residual[kept] ** 2 / plane.sigma2[kept])[:half])
         after = inf
         for number in range(CONCENTRATIONS + 1):
-            far = (self.frame.rows @ a) ** 2 / plane.sigma2
-            reach = sorted(far[kept])[half - 1]
-            some = [i for i in kept if far[i] <= reach]
-            after = sum(sorted(far[kept])[:half])
+            squared = (self.frame.rows @ a) ** 2 / plane.sigma2
+            limit = sorted(squared[kept])[half - 1]
+            best_half = [i for i in kept if squared[i] <= limit]
+            after = sum(sorted(squared[kept])[:half])
             if number == CONCENTRATIONS:
                 break
             weights = np.zeros(len(self.points))
-            weights[some] = 1 / plane.sigma2[some]
+            weights[best_half] = 1 / plane.sigma2[best_half]
             solution = self.frame.step(up, weights, PARABOLOID)
             if solution is None:
                 return None
             a = up + np.append(solution.change, np.zeros(3))
-        bent = bent or is_better(before, after, half - 6, rules)
-        return (some, a / sqrt(a @ a)) if bent else None
+        is_curved = is_curved or is_better(before, after, half - 6, rules)
+        return (best_half, a / sqrt(a @ a)) if is_curved else None
 
 
 def judge(points: Any, rules: Rules, variance: Any = None) -> list[float]:
     """Score the points (n, 3) of one window, whose variances are (n,) or None."""
     positions = np.asarray(points, float)
-    if len(positions) < rules.fewest:
+    if len(positions) < rules.min_points:
         return [nan] * len(positions)
     return Window(positions, variance, rules).judge()
 
@@ -476,17 +469,17 @@ def judge(points: Any, rules: Rules, variance: Any = None) -> list[float]:
 
 
 def section_window(points: Floats, first: int, last: int, section: int) -> Members:
-    """Points of the window of the core ``first`` to ``last``, not included."""
+    """Return the window of a core: points ``first`` to ``last`` - 1, and those around."""
     low, high = points[first:last].min(axis=0), points[first:last].max(axis=0)
-    most = max(points.max(axis=0) - points.min(axis=0))
+    cloud_extent = max(points.max(axis=0) - points.min(axis=0))
     extent = max(high - low)
-    margin = MARGIN * extent if extent > 0 else SMALLEST * most
-    enough = min(len(points), max(section, int(ENOUGH * (last - first))))
+    margin = MARGIN * extent if extent > 0 else SMALLEST * cloud_extent
+    min_count = min(len(points), max(section, int(ENOUGH * (last - first))))
     while True:
         found = [
             i for i, p in enumerate(points) if all(low - margin <= p) and all(p <= high + margin)
         ]
-        if len(found) >= enough or margin > most:
+        if len(found) >= min_count or margin > cloud_extent:
             break
         margin *= 2
     rim = [i for i in found if not first <= i < last]
@@ -497,35 +490,35 @@ def section_window(points: Floats, first: int, last: int, section: int) -> Membe
 def sections(
     points: Any, cores: Sequence[tuple[int, int]], section: int, rules: Rules, variance: Any = None
 ) -> list[float]:
-    """Score points in tree order, by the ranges of the cores."""
+    """Score points in tree order; ``cores`` are ranges of their indices."""
     positions = np.asarray(points, float)
-    own = [nan] * len(positions)
-    others: list[list[float]] = [[] for _ in positions]
+    core_scores = [nan] * len(positions)
+    rim_scores: list[list[float]] = [[] for _ in positions]
     for first, last in cores:
         window = section_window(positions, first, last, section)
         scores = judge(positions[window], rules, None if variance is None else variance[window])
         for i, score in zip(window, scores, strict=True):
             if first <= i < last:
-                own[i] = score
+                core_scores[i] = score
             elif score <= 1:
-                others[i].append(score)
+                rim_scores[i].append(score)
     scores = [
-        score if score <= 1 or not other else min(other)
-        for score, other in zip(own, others, strict=True)
+        score if score <= 1 or not passed else min(passed)
+        for score, passed in zip(core_scores, rim_scores, strict=True)
     ]
     return shared(positions, scores)
 
 
 def shared(positions: Floats, scores: Sequence[float]) -> list[float]:
-    """Give coincident points the least of their scores; NaN does not count."""
+    """Give coincident points the smallest of their scores; NaN is ignored."""
     groups: dict[tuple[float, ...], list[float]] = {}
-    for place, score in zip(positions, scores, strict=True):
-        groups.setdefault(tuple(place + 0.0), []).append(score)
-    return [float(np.fmin.reduce(groups[tuple(place + 0.0)])) for place in positions]
+    for position, score in zip(positions, scores, strict=True):
+        groups.setdefault(tuple(position + 0.0), []).append(score)
+    return [float(np.fmin.reduce(groups[tuple(position + 0.0)])) for position in positions]
 
 
 def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[float]:
-    """Score points, each in the window of itself and its k nearest; these in tree order."""
+    """Score each point in the window of itself and its k nearest, sorted in tree order."""
     positions = np.asarray(points, float)
     rank = {int(i): position for position, i in enumerate(order)}
     result = []

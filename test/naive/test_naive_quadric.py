@@ -52,7 +52,7 @@ def test_statistic() -> None:
     """σ̂0² = 8 H² / 5 and q_vv = 5/8: T = 1. Without its own part σ̂0² q_vv is H²: T = 1 too."""
     fit = on_plane(corners())
     outside = 3 / sqrt(8 / 5 * 9 / 8)
-    paper = naive.scores_of(fit, Rules(0.05, 0, always=True), Growth(0))
+    paper = naive.scores_of(fit, Rules(0.05, 0, always_quadric=True), Growth(0))
     assert paper is not None
     assert_allclose(paper, np.append(np.ones(8), outside) / t.isf(0.025, 5))
     robust = naive.scores_of(fit, Rules(0.05, 0), Growth(0))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scan pattern of profile scanners: scanner, windows, pairs and groups are those of loops."""
+"""The scan pattern of profile scanners, compared with its naive twin: scanner, features, groups."""
 
 from collections.abc import Sequence
 
@@ -41,7 +41,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 def lines_of(pattern: Pattern) -> list[naive_pattern.Ring]:
-    """Return the lines of a pattern for the twin."""
+    """Convert the lines of a pattern to the form of the naive twin."""
     found = []
     for line in range(len(pattern.first)):
         part = slice(pattern.first[line], pattern.last[line])
@@ -59,85 +59,84 @@ def lines_of(pattern: Pattern) -> list[naive_pattern.Ring]:
 
 @pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
 @pytest.mark.parametrize('lost', [0.0, 0.4])
-def test_scanner_is_found(lost: float, moved: tuple[float, float, float]) -> None:
-    """Ranges and mirror angles are those that were measured, wherever the points are."""
+def test_scanner_position(lost: float, moved: tuple[float, float, float]) -> None:
+    """Ranges and mirror angles are recovered, independent of the origin of the coordinates."""
     drive = Drive(1, lost)
     points = points_of(drive.points.xyz + moved, drive.points.t, drive.points.line)
     pattern = profile_pattern_of(points)
-    there = pattern.order >= 0
-    order = pattern.order[there]
+    has_return = pattern.order >= 0
+    order = pattern.order[has_return]
     assert_array_equal(order, np.arange(len(points)))
-    assert_allclose(pattern.range[there], drive.far[order], atol=0.06)
-    off = pattern.phase[there] - drive.angle[order]
+    assert_allclose(pattern.range[has_return], drive.far[order], atol=0.06)
+    off = pattern.phase[has_return] - drive.angle[order]
     assert np.ptp(off) < 1e-4
     assert_allclose(pattern.step, 2 * np.pi / 120, rtol=0.02)
-    # The way between two lines, and what is added for noise of 4 mm.
-    away = np.linalg.norm(SPEED) * PERIOD * 1e-9
-    assert_allclose(pattern.apart - pattern.noise, away, atol=0.03)
+    # Distance between two lines, plus an allowance for range noise of 4 mm.
+    line_spacing = np.linalg.norm(SPEED) * PERIOD * 1e-9
+    assert_allclose(pattern.apart - pattern.noise, line_spacing, atol=0.03)
     assert_allclose(pattern.noise / 2, 0.004, rtol=0.4)
 
 
-def test_scanner_in_its_own_frame() -> None:
-    """Points that were not moved lie about the scanner itself."""
+def test_scanner_in_the_sensor_frame() -> None:
+    """Untransformed points have the scanner at their origin."""
     rng = np.random.default_rng(3)
     drive = Drive(3)
     beam = np.stack([np.sin(drive.angle), np.zeros(len(drive.angle)), np.cos(drive.angle)], axis=1)
     beam += 1e-4 * rng.standard_normal(beam.shape)
     points = points_of(drive.far[:, None] * beam, drive.points.t, drive.points.line)
     pattern = profile_pattern_of(points)
-    there = pattern.order >= 0
-    assert_allclose(pattern.range[there], drive.far[pattern.order[there]], atol=0.02)
+    has_return = pattern.order >= 0
+    assert_allclose(pattern.range[has_return], drive.far[pattern.order[has_return]], atol=0.02)
 
 
 @pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
 @pytest.mark.parametrize('lost', [0.0, 0.4])
-def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> None:
-    """The position of each line, and how good it is, are those of loops, whatever is beside it."""
+def test_scanner_equals_naive(lost: float, moved: tuple[float, float, float]) -> None:
+    """Position and residuals of each line equal the naive fit, also if fitted alone."""
     drive = Drive(2, lost)
     first = line_starts(drive.line)
-    some = first[:-1, None] + np.arange(SAMPLES) * np.diff(first)[:, None] // SAMPLES
-    xyz, turned = (drive.points.xyz + moved)[some], drive.angle[some] + 0.7
+    sampled = first[:-1, None] + np.arange(SAMPLES) * np.diff(first)[:, None] // SAMPLES
+    xyz, turned = (drive.points.xyz + moved)[sampled], drive.angle[sampled] + 0.7
     found = fit_lines(xyz, turned)
     for line, rows in enumerate(xyz):
-        selected = naive.seat(rows, turned[line].tolist())
-        assert_allclose(found.position[line], selected.position, rtol=0, atol=1e-8)
-        assert_allclose([found.off[line], found.unsure[line]], selected[1:], rtol=1e-5)
-        for one, every in zip(
-            fit_lines(xyz[line : line + 1], turned[line : line + 1]), found, strict=True
-        ):
+        expected = naive.seat(rows, turned[line].tolist())
+        assert_allclose(found.position[line], expected.position, rtol=0, atol=1e-8)
+        assert_allclose([found.off[line], found.unsure[line]], expected[1:], rtol=1e-5)
+        alone = fit_lines(xyz[line : line + 1], turned[line : line + 1])
+        for one, every in zip(alone, found, strict=True):
             assert_array_equal(one[0], every[line])
 
 
 @pytest.mark.parametrize('swing', [1.2, 1.9])
 @pytest.mark.parametrize(('turn', 'pendulum'), [(1, False), (-1, False), (-1, True)])
-def test_a_mirror_that_swings(swing: float, turn: int, *, pendulum: bool) -> None:
-    """To and fro, or one way only: its angles, within a step or two, and the scanner are found."""
+def test_swinging_mirror(swing: float, turn: int, *, pendulum: bool) -> None:
+    """Scanner and mirror angles (± 2 steps) are recovered, with returns one way or both ways."""
     drive = Drive(12, 0.1, 16, 400, mirror=Mirror(swing, turn, pendulum=pendulum))
-    lost = drive.angle > drive.angle.max() - 0.3  # one end sees nothing
+    lost = drive.angle > drive.angle.max() - 0.3  # no returns at one end
     points, far, angle = drive.points.take(~lost), drive.far[~lost], drive.angle[~lost]
     pattern = profile_pattern_of(points)
-    there = pattern.order >= 0
-    order = pattern.order[there]
-    assert_allclose(pattern.range[there], far[order], atol=0.05)
-    off = pattern.phase[there] - angle[order]
-    backwards = pattern.phase[there] + angle[order]
+    has_return = pattern.order >= 0
+    order = pattern.order[has_return]
+    assert_allclose(pattern.range[has_return], far[order], atol=0.05)
+    off = pattern.phase[has_return] - angle[order]
+    backwards = pattern.phase[has_return] + angle[order]
     assert min(np.ptp(off), np.ptp(backwards)) < 0.02
 
 
-def test_a_narrow_swing_is_judged_by_neighbours() -> None:
-    """From the air mirrors swing less than any that the trees were trained for."""
+def test_narrow_swing_has_no_pattern() -> None:
+    """Mirrors of airborne scanners swing less than those in the training data."""
     narrow = Drive(12, 0.1, 16, mirror=Mirror(0.5, -1, pendulum=True)).points
     assert find_profile_pattern(narrow) is None
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'shows'),
+    ('field', 'value', 'is_accepted'),
     [('unsure', 0.19, True), ('unsure', 0.21, False), ('off', 0.49, True), ('off', 0.51, False)],
 )
-def test_a_scanner_must_show(
-    monkeypatch: pytest.MonkeyPatch, field: str, value: float, *, shows: bool
+def test_limits_of_the_fit(
+    monkeypatch: pytest.MonkeyPatch, field: str, value: float, *, is_accepted: bool
 ) -> None:
-    """Up to 0.2 m, and half a step of the mirror."""
+    """Uncertainty up to 0.2 m and residuals up to half a mirror step are accepted."""
     value *= 2 * np.pi / 120 if field == 'off' else 1.0
 
     def fit(xyz: Floats, turned: Floats) -> Fit:
@@ -145,43 +144,43 @@ def test_a_scanner_must_show(
         return found._replace(**{field: np.full(len(xyz), value)})
 
     monkeypatch.setattr(profile_scanner, 'fit_lines', fit)
-    assert (find_profile_pattern(Drive(5).points) is not None) == shows
+    assert (find_profile_pattern(Drive(5).points) is not None) == is_accepted
 
 
-@pytest.mark.parametrize(('lines', 'shows'), [(2, True), (3, False)])
-def test_half_of_the_lines_must_show_it(lines: int, *, shows: bool) -> None:
-    """Of five, the points of some lie anywhere."""
+@pytest.mark.parametrize(('lines', 'is_accepted'), [(2, True), (3, False)])
+def test_half_of_the_lines_must_fit(lines: int, *, is_accepted: bool) -> None:
+    """Of every five lines, the first few have random points."""
     points = Drive(5).points
-    anywhere = np.random.default_rng(5).uniform(-5.0, 5.0, points.xyz.shape)
-    xyz = np.where((points.line % 5 < lines)[:, None], anywhere, points.xyz)
+    random_xyz = np.random.default_rng(5).uniform(-5.0, 5.0, points.xyz.shape)
+    xyz = np.where((points.line % 5 < lines)[:, None], random_xyz, points.xyz)
     found = find_profile_pattern(points_of(xyz, points.t, points.line))
-    assert (found is not None) == shows
+    assert (found is not None) == is_accepted
 
 
 def test_lines_without_returns() -> None:
-    """Lines that are short, or away, do not move the others."""
+    """Missing or nearly empty lines do not affect the others."""
     drive = Drive(4, 0.1, lines=16)
-    line, place = drive.points.line, np.arange(len(drive.points)) % 7
-    left = (line != 5) & (line != 6) & ((line != 9) | (place == 0))
-    pattern = profile_pattern_of(drive.points.take(left))
-    there = pattern.order >= 0
-    order = np.flatnonzero(left)[pattern.order[there]]
-    assert_allclose(pattern.range[there], drive.far[order], atol=0.1)
-    assert np.ptp(pattern.phase[there] - drive.angle[order]) < 1e-4
+    line, index = drive.points.line, np.arange(len(drive.points))
+    kept = (line != 5) & (line != 6) & ((line != 9) | (index % 7 == 0))
+    pattern = profile_pattern_of(drive.points.take(kept))
+    has_return = pattern.order >= 0
+    order = np.flatnonzero(kept)[pattern.order[has_return]]
+    assert_allclose(pattern.range[has_return], drive.far[order], atol=0.1)
+    assert np.ptp(pattern.phase[has_return] - drive.angle[order]) < 1e-4
 
 
 def test_no_pattern() -> None:
-    """A spinning sensor, one line, a mirror that turns unevenly, and points anywhere have none."""
+    """Spinning sensors, single lines, unsteady mirrors and random points have none."""
     points = Drive(5).points
     assert find_profile_pattern(sweep(1, 0.0)) is None
     assert find_profile_pattern(points.take(points.line < 1)) is None
     assert find_profile_pattern(points.take(slice(0, 0))) is None
     assert find_profile_pattern(points.take(points.line == 3)) is None
     rng = np.random.default_rng(5)
-    anywhere = rng.uniform(-5.0, 5.0, points.xyz.shape)
-    assert find_profile_pattern(points_of(anywhere, points.t, points.line)) is None
-    alike = np.zeros_like(points.xyz)
-    assert find_profile_pattern(points_of(alike, points.t, points.line)) is None
+    random_xyz = rng.uniform(-5.0, 5.0, points.xyz.shape)
+    assert find_profile_pattern(points_of(random_xyz, points.t, points.line)) is None
+    coincident = np.zeros_like(points.xyz)
+    assert find_profile_pattern(points_of(coincident, points.t, points.line)) is None
     assert find_profile_pattern(points_of(points.xyz, points.t * 0, points.line)) is None
     swaying = points.t + (800_000 * np.sin(points.t / 7e5)).astype(np.int64)
     swaying[1:] = np.maximum(swaying[1:], swaying[:-1])
@@ -191,81 +190,74 @@ def test_no_pattern() -> None:
 @pytest.mark.parametrize('elevations', [np.linspace(-15, 15, 16), np.linspace(-22, 22, 32)])
 @pytest.mark.parametrize('start', range(4))
 def test_a_spinning_sensor_is_no_profile_scanner(elevations: Sequence[float], start: int) -> None:
-    """Turns without rings, a line each, lie at the angles of a mirror, but not in a plane."""
+    """Each turn as one line fits the angles of a mirror, but its returns are not in a plane."""
     turn = sweep(14, 0.05, 3.5, columns=1024, elevations=elevations)
     column = (turn.t + start * TURN_NS // 7) // (TURN_NS // 1024)
     times = column * (TURN_NS // 1024)  # one time per column
     points = points_of(turn.xyz, times, times // TURN_NS)
     assert find_profile_pattern(points) is None
-    assert (
-        find_profile_pattern(points_of(turn.xyz + times[:, None] * 1e-8, times, points.line))
-        is None
-    )
+    moving = points_of(turn.xyz + times[:, None] * 1e-8, times, points.line)
+    assert find_profile_pattern(moving) is None
 
 
 @pytest.mark.parametrize(('lost', 'lines'), [(0.0, 6), (0.3, 8), (0.6, 8)])
-def test_window_as_loops(lost: float, lines: int) -> None:
-    """The features that spinning sensors have, too, and those of pairs, are those of loops."""
+def test_features_equal_naive(lost: float, lines: int) -> None:
+    """Features of windows and of pairs equal those of the naive twin."""
     pattern = profile_pattern_of(Drive(6, lost, lines, 60 if lost == 0.0 else 100).points)
     found = prepared(pattern)
     names, values = [*WINDOW, *PROFILE], measure(found)
     rings = lines_of(pattern)
     for number, ring in enumerate(rings):
         for k in range(len(ring.points)):
-            place = pattern.first[number] + k
-            metres = [float(of[number]) for of in (pattern.apart, pattern.level)]
-            selected = naive_pattern.features(rings, number, k, *metres)
-            got = {name: float(values[names.index(name), place]) for name in selected}
-            assert got == pytest.approx(selected, rel=2e-3, abs=1e-5), (number, k)
+            position = pattern.first[number] + k
+            metres = [float(one[number]) for one in (pattern.apart, pattern.level)]
+            expected = naive_pattern.features(rings, number, k, *metres)
+            got = {name: float(values[names.index(name), position]) for name in expected}
+            assert got == pytest.approx(expected, rel=2e-3, abs=1e-5), (number, k)
             sigma = float(pattern.noise[number]) / 2
             predicted = naive.predictions(rings, number, k, sigma)
-            selected = naive.of_pairs(predicted)
-            got = {name: float(values[names.index(name), place]) for name in selected}
-            # A range of single precision, squared, in standard deviations.
-            assert got == pytest.approx(selected, rel=2e-3, abs=0.02), (number, k)
+            expected = naive.of_pairs(predicted)
+            got = {name: float(values[names.index(name), position]) for name in expected}
+            # Squares of single-precision ranges, in standard deviations.
+            assert got == pytest.approx(expected, rel=2e-3, abs=0.02), (number, k)
 
 
 @pytest.mark.parametrize('reach', REACHES)
 @pytest.mark.parametrize('lost', [0.0, 0.5])
-def test_groups_as_loops(lost: float, reach: float) -> None:
-    """Segments that are close to each other, and to no surface, are the groups of loops."""
+def test_groups_equal_naive(lost: float, reach: float) -> None:
+    """Segments close to each other and far from surfaces form the groups of the naive twin."""
     drive = Drive(7, lost, 8, 400)
     far = drive.far.copy()
-    for line, angle, part in (
-        (1, 1.0, 0.5),
-        (2, 2.5, 0.7),
-        (4, 2.6, 0.71),
-        (5, 4.0, 0.9),
-        (6, 5, 1),
-    ):
+    shorter = ((1, 1.0, 0.5), (2, 2.5, 0.7), (4, 2.6, 0.71), (5, 4.0, 0.9), (6, 5, 1))
+    for line, angle, part in shorter:
         far[(np.abs(drive.line - line) < 2) & (np.abs(drive.angle - angle) < 0.06)] *= part
     pattern = profile_pattern_of(drive.measured(far))
     near = prepare(pattern).near
     segments = profile_groups.find_segments(pattern, reach)
     group = profile_groups.join(pattern, near, reach, segments)
     rings = lines_of(pattern)
-    selected = naive.groups(rings, pattern.apart.tolist(), reach)
+    expected = naive.groups(rings, pattern.apart.tolist(), reach)
     got: dict[int, list[tuple[int, int]]] = {}
     for number, ring in enumerate(rings):
         for k in range(len(ring.points)):
             g = int(group[segments.of[pattern.first[number] + k]])
             got.setdefault(g, []).append((number, k))
     got.pop(-1, None)
-    assert len(selected) > 1
-    assert sorted(got.values()) == sorted(selected)
+    assert len(expected) > 1
+    assert sorted(got.values()) == sorted(expected)
 
 
 def test_group_of_an_arm() -> None:
-    """A slanted tube in the air is one free group; what is said of it is what loops say."""
+    """A slanted tube in the air is one free group, with the features of the naive twin."""
     drive = Drive(8, lines=12, shots=400, strays=0.0)
     tube = np.abs(drive.angle - 1.9) < 0.12
     far = np.where(tube, 0.5 * drive.far + 0.05 * (drive.line - 6), drive.far)
     points = drive.measured(far)
     xyz = points.xyz
     pattern = profile_pattern_of(points)
-    there = pattern.order >= 0
+    has_return = pattern.order >= 0
     found = np.empty((len(GROUPS), len(points)))
-    found[:, pattern.order[there]] = find_groups(pattern, prepare(pattern).near)[:, there]
+    found[:, pattern.order[has_return]] = find_groups(pattern, prepare(pattern).near)[:, has_return]
     assert_array_equal(found[0] == np.count_nonzero(tube), tube)
     described = {name: float(found[n, tube].max()) for n, name in enumerate(GROUPS)}
     along = np.linalg.svd(xyz[tube] - xyz[tube].mean(axis=0))[2]
@@ -279,26 +271,26 @@ def test_group_of_an_arm() -> None:
             index = pattern.order[first + k]
             ring.points[k] = point._replace(xyz=tuple(turned[index].tolist()))
             members += [(number, k)] if tube[index] else []
-    selected = naive.of_group(rings, members)
-    assert selected == pytest.approx({name: described[name] for name in selected}, rel=1e-2)
+    expected = naive.of_group(rings, members)
+    assert expected == pytest.approx({name: described[name] for name in expected}, rel=1e-2)
 
 
-def test_the_wide_group_is_described() -> None:
-    """Halves of a tube are a group each, and, reaching farther, one: of that one all is said."""
+def test_features_of_the_widest_group() -> None:
+    """Two halves of a tube are one group at the larger reach; its features are reported."""
     drive = Drive(8, lines=12, shots=400, strays=0.0)
     tube = np.abs(drive.angle - 1.9) < 0.12
     near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.45 * (drive.line >= 6)
     pattern = profile_pattern_of(drive.measured(np.where(tube, near, drive.far)))
-    there = pattern.order >= 0
-    of_tube = tube[pattern.order[there]]
-    beside, found = prepare(pattern).near, {}
+    has_return = pattern.order >= 0
+    of_tube = tube[pattern.order[has_return]]
+    neighbours, found = prepare(pattern).near, {}
     for reach in REACHES:
         segments = profile_groups.find_segments(pattern, reach)
-        group = profile_groups.join(pattern, beside, reach, segments)
-        found[reach] = np.unique(group[segments.of[there]][of_tube])
+        group = profile_groups.join(pattern, neighbours, reach, segments)
+        found[reach] = np.unique(group[segments.of[has_return]][of_tube])
         assert (found[reach] >= 0).all()
     assert [len(found[reach]) for reach in REACHES] == [1, 2]
-    count = find_groups(pattern, beside)[0, there]
+    count = find_groups(pattern, neighbours)[0, has_return]
     assert_array_equal(count == np.count_nonzero(tube), of_tube)
 
 
@@ -306,8 +298,8 @@ def test_the_wide_group_is_described() -> None:
     'mirror', [None, Mirror(1.9, -1, pendulum=True), Mirror(1.9, 1, pendulum=False)]
 )
 @pytest.mark.parametrize('lines', [3, 20])
-def test_strays_are_found(lines: int, mirror: Mirror | None) -> None:
-    """A few lines show how the mirror turns or swings: the trees find what hangs in a passage."""
+def test_strays_are_rejected(lines: int, mirror: Mirror | None) -> None:
+    """A few lines suffice to fit a turning or swinging mirror, and to reject stray points."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005, mirror=mirror)
     few = drive.points.line < lines
     rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
@@ -316,20 +308,16 @@ def test_strays_are_found(lines: int, mirror: Mirror | None) -> None:
 
 
 def test_two_lines_are_enough() -> None:
-    """They show how long a turn takes."""
+    """The period of the mirror is the time between them."""
     two = Drive(10, 0.02, lines=2, shots=800).points
     assert find_profile_pattern(two) is not None
 
 
-def test_sensor_decides_the_way() -> None:
-    """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
+def test_parameter_sensor() -> None:
+    """Trees of profile scanners are used unless ``sensor`` is ``spinning``."""
     points = Drive(11, 0.1).points
-    selected = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
+    expected = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
-        values = {
-            'chain': ['boosted_trees'],
-            'boosted_trees.sensor': sensor,
-            'boosted_trees.threshold': 2.0,
-        }
+        values = {'boosted_trees.sensor': sensor, 'boosted_trees.threshold': 2.0}
         found = Chain(FilterParameters().changed(values)).judge(points)
-        assert np.array_equal(found.score, selected) == same
+        assert np.array_equal(found.score, expected) == same
