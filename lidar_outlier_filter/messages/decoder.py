@@ -111,8 +111,8 @@ class Decoder:
         Raises
         ------
         CloudError
-            If the cloud cannot be decoded, a coordinate is beyond ``FARTHEST``, or a valid point has
-            no time or no standard deviation.
+            If the cloud cannot be decoded, a coordinate is beyond ``FARTHEST``, or a valid point
+            has no time or no standard deviation.
 
         """
         self._previous_counter = copy.copy(self._counter)
