@@ -139,7 +139,7 @@ class NoCloudsError(RecordingError):
 
 
 class SchedulerError(FilterError):
-    """A scheduler that does not respond, or whose workers are of other code."""
+    """A scheduler that does not respond, or whose workers run another version."""
 
 
 def refused_for(counts: Mapping[str, int], sentences: Mapping[str, str]) -> str:

@@ -83,8 +83,8 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(1.0, 200.0),
         metavar=('LOW', 'HIGH'),
-        help='shift of injected outliers, metres; at least LOW from every good point, '
-        'clusters 2 × LOW; default: 1 to 200',
+        help='shift of injected outliers, metres, clusters from 2 × LOW; at least LOW from good '
+        'points; default: 1 to 200',
     )
 
 

@@ -41,12 +41,12 @@ class Verdict:
         The largest score any detector gave; NaN for a point that none could test, inf for one on
         the own vehicle.
     detectors : (N,) uint16
-        The bits of the detectors whose score is greater than 1, and ``EXTRA``; ``MASKED`` alone for
+        Bits of the detectors whose score exceeds 1, and their ``EXTRA`` bits; ``MASKED`` alone for
         a point on the own vehicle.
     undecided : (N,) uint16
         The bits of the detectors that could not test the point.
     rejected : (N,) bool
-        Whether the point is an outlier: a bit in ``detectors``, or the required number of bits.
+        Whether the point is an outlier: ``detectors`` has a bit, or with ``vote`` that many.
     reason : (N,) uint8
         Why, where ``scores`` are requested: a number that :func:`.registry.reasons` names, or 0.
 

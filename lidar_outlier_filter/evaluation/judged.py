@@ -274,8 +274,8 @@ def read_files(  # noqa: PLR0913  what the command line offers
     codes : what the labels mean
     label : column of the truth; empty: ``classification`` or ``label``
     score : column of the scores; empty: ``outlier_score``, if there is one
-    verdict : column that is not 0 where rejected, in a ``classification`` 7 and 18; empty: what the
-        score says if it or a threshold is named; else ``outlier``, or without both of them
+    verdict : column that is not 0 where rejected (``classification``: 7 or 18); empty: the score
+        if it or a threshold is named; else ``outlier``, else the score, else
         ``classification``
     threshold : points with a larger score are rejected; None: 1
 

@@ -346,7 +346,7 @@ def _sections() -> dict[str, type[Section]]:
 
 @cache
 def describe() -> tuple[Parameter, ...]:
-    """List every parameter: those of no section first, then those of the detectors.
+    """List every parameter: those of no section, of detectors, and of other sections.
 
     Examples
     --------

@@ -50,7 +50,7 @@ class ScanGeometry:
     ----------
     lines : scan lines
     per_line : points of a line, the median
-    seconds : between its first and its last point
+    seconds : between the cloud's first and last point
     near, far : 1st and 99th percentile of the range, m
     invalid : share of the points without a return
     low, high : elevation of the rings, degrees; nan where lines are not level around the sensor

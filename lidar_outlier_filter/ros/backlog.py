@@ -172,7 +172,7 @@ class Treatment(Enum):
     """What is done with a cloud."""
 
     FILTER = 'filtered'
-    DEGRADE = 'filtered by the smoother alone'
+    DEGRADE = 'filtered by alpha_beta_gamma alone'
     PASS = 'passed unfiltered'  # noqa: S105  no password
     DROP = 'dropped'
 

@@ -33,7 +33,7 @@ PROFILES = {
 }
 LOSS_PERIOD = 5.0  # seconds between two warnings
 LOST, DROPPED, UNFILTERED = 'lost in transit', 'dropped', 'passed unfiltered'
-DEGRADED, WITHOUT_POSE = 'filtered by the smoother alone', 'judged without poses'
+DEGRADED, WITHOUT_POSE = 'filtered by alpha_beta_gamma alone', 'judged without poses'
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
 COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')

@@ -42,8 +42,8 @@ class Injection:
     share : of all points
     distance : (low, high)
         Metres from the position a point had, at random between them; and at least low from every
-        good point that is seen with it. Clusters are twice as far at least: theirs is the
-        distance of the middle, and the paper has 2 m for it.
+        good point that is seen with it. The middle of a cluster moves by at least
+        2 low, in the paper 2 m.
     seed : the same seed, the same outliers
 
     """

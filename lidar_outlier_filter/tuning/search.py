@@ -130,7 +130,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     most_lost : share of the good points that may be rejected; beyond it, the fewer the better
     folds : number of folds, held out in turn: contiguous parts of the recording, or, of several
         recordings, whole ones
-    requested : values to try, by parameter, instead of or beside those of the table
+    requested : values to try, by parameter, which replace the usual ones
     kept : parameters to leave as they are
     progress : is called before every run with the steps done, all steps, and their name; an
         exception that it raises ends the search

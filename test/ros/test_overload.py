@@ -41,7 +41,7 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     channel.worker._overload.treatment = Treatment.DEGRADE
     message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
-    assert 'overload: clouds are filtered by the smoother alone' in message
+    assert 'overload: clouds are filtered by alpha_beta_gamma alone' in message
 
 
 def test_drop_oldest(ros: Ros) -> None:
