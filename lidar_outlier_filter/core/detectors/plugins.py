@@ -8,7 +8,6 @@ declaration that is wrong is refused in one sentence and affects nothing else.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from importlib.metadata import distributions
 from typing import TYPE_CHECKING, Any
 
@@ -120,7 +119,6 @@ def _is_section(section: Any) -> bool:
     """Return whether an object is a class of parameters whose defaults are allowed."""
     is_class = isinstance(section, type) and issubclass(section, Section)
     try:
-        fields(section)
         for parameter in walk(section, ''):
             parameter.check(parameter.default)
         section().check()
