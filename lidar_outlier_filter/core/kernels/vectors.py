@@ -84,6 +84,11 @@ def most(one: Any, other: Any) -> Any:
     return np.where(other > one, other, one)
 
 
+def root(vector: Any) -> Any:
+    """Return the square roots."""
+    return np.sqrt(vector)
+
+
 def add_row(
     target: Floats, row: int, factor: float, source: Floats, other: int | np.uint64, size: int
 ) -> None:
@@ -204,6 +209,12 @@ def _without_sign(_context: Any, builder: Any, _kinds: Any, values: Any) -> Any:
     )
 
 
+def _root(_context: Any, builder: Any, _kinds: Any, values: Any) -> Any:
+    kind = ir.FunctionType(values[0].type, [values[0].type])
+    function = builder.module.declare_intrinsic(f'llvm.sqrt.v{WIDTH}f32', fnty=kind)
+    return builder.call(function, values)
+
+
 def _load(
     context: Any, builder: Any, kinds: Any, values: Any, lanes: int = WIDTH, stored: Any = None
 ) -> Any:
@@ -304,6 +315,7 @@ def _no_counts(_context: Any, _builder: Any, _kinds: Any, _values: Any) -> Any:
 
 _define_operators()
 _define(abs, lambda a: a if a == SINGLES else None, _without_sign, LaneVector)
+_define(root, lambda a: a if a == SINGLES else None, _root, LaneVector)
 _define(load, lambda values, _at: LaneVector(values.dtype), _load)
 _define(store, lambda *_: types.void, _store)
 _define(take, lambda values, *_: LaneVector(values.dtype), _take)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.scan_lines import (
     is_interleaved,
     line_starts,
@@ -32,6 +33,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     SAMPLES,
     TimedLines,
     find_scanner,
+    median_of,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
@@ -79,7 +81,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     pool.run(lambda i, j: sort_lines(ordered, i, j, phase, nothing), *(lines, at_once, threads))
     steps = phase[1:] - phase[:-1]
     steps = steps[steps > 0.0]
-    step = np.full(lines, STEP_MARGIN * np.median(steps) if len(steps) else TURN, np.float32)
+    step = np.full(lines, STEP_MARGIN * median_of(steps) if len(steps) else TURN, np.float32)
     noise = np.full(lines, NOISE * _sigma(distance, order, phase, first), np.float32)
     found = make_pattern(
         np.diff(first)[rank],
@@ -97,12 +99,15 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     return found
 
 
+@kernel
 def _ranges(xyz: Floats, position: Floats, order: Ints, first: Ints) -> Floats:
     """Return the distance (N,) of each point, as given, from where the scanner was, metres."""
-    line = np.empty(len(order), np.int64)
-    line[order] = np.repeat(np.arange(len(position)), np.diff(first))
-    x, y, z = (xyz[:, axis] - position[line, axis] for axis in range(3))
-    distance: Floats = np.maximum(np.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+    distance = np.empty(len(order))
+    for line in range(len(position)):
+        for i in order[first[line] : first[line + 1]]:
+            x, y, z = xyz[i]
+            x, y, z = x - position[line, 0], y - position[line, 1], z - position[line, 2]
+            distance[i] = max(np.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
     return distance
 
 
@@ -130,4 +135,4 @@ def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
     curved = part * (1.0 - part) * span**2 / 2.0
     size = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
     off = np.abs(reach * (1.0 - reach * value - curved)) / size
-    return max(MAD_TO_SIGMA * float(np.median(off)), SIGMA_FLOOR)
+    return max(MAD_TO_SIGMA * median_of(off), SIGMA_FLOOR)

@@ -16,14 +16,18 @@ which is linear in sin δ, cos δ and two products of them with s.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.core.annotations import Floats, Ints
 
 SAMPLES = 64  # returns of a line that show where the scanner is
@@ -85,7 +89,7 @@ class TimedLines(NamedTuple):
     @property
     def sizes(self) -> Ints:
         """Count the returns of each line."""
-        return np.diff(self.first)
+        return self.first[1:] - self.first[:-1]
 
     @property
     def begins(self) -> Ints:
@@ -123,7 +127,7 @@ def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
 
 def _turning_mirror(lines: TimedLines) -> _Mirror | None:
     """Return the angles of a mirror that turns once in a line."""
-    period = float(np.median(np.diff(lines.begins)))
+    period = median_of(np.diff(lines.begins))
     if not period > 0.0:
         return None
     turns, since = _since(lines, period)
@@ -135,7 +139,7 @@ def _swinging_mirror(lines: TimedLines) -> _Mirror | None:
     """Return the angles of a mirror that swings once in a line, as if always the same way."""
     # Where one end has no returns, every second line begins late.
     pairs = lines.begins[2:] - lines.begins[:-2]
-    period = float(np.median(pairs)) / 2.0 if len(pairs) else 0.0
+    period = median_of(pairs) / 2.0
     if not period > 0.0:
         return None
     turns, since = _since(lines, period)
@@ -179,10 +183,16 @@ def _since(lines: TimedLines, period: float) -> tuple[Floats, Floats]:
     return turns, since
 
 
+def median_of(values: NDArray[Any]) -> float:
+    """Return the median of values, none of them NaN; 0 of none."""
+    some = values.astype(np.float64)
+    return median(some, len(some)) if len(some) else 0.0
+
+
 def _usual_step(lines: TimedLines) -> float:
     """Return the median time between two shots, ns."""
     elapsed = np.diff(lines.t)
-    return float(np.median(elapsed[elapsed > 0])) if len(elapsed) else 0.0
+    return median_of(elapsed[elapsed > 0])
 
 
 def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
@@ -209,7 +219,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         ),
         *(count, LINES_AT_ONCE, threads),
     )
-    if np.median(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
+    if median_of(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
         return None
     known, when = good[rank], mirror.turns[rank]
     found = np.empty((count, 3))
@@ -251,61 +261,112 @@ class Fit(NamedTuple):
     unsure: Floats
 
 
+@kernel
 def fit_lines(xyz: Floats, turned: Floats) -> Fit:
     """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
-    centre = xyz.mean(axis=1)
-    at = np.ascontiguousarray(np.moveaxis(xyz - centre[:, None], 2, 0))
-    _, axes = np.linalg.eigh(_gram(at))
-    across = axes[:, :, 1:]  # the plane of the line
-    x, y = ((across[:, :, k].T[..., None] * at).sum(axis=0) for k in range(2))
-    # Which side of the plane is seen is not known: the mirror turns one way or the other.
-    one, other = (_fit_plane(x, y, np.sin(sense * turned), np.cos(turned)) for sense in (1, -1))
-    (east, north), off, unsure = (
-        np.where(other.off < one.off, b, a) for a, b in zip(one, other, strict=True)
-    )
-    position = centre + east[:, None] * across[:, :, 0] + north[:, None] * across[:, :, 1]
-    return Fit(position, off, unsure)
+    lines, count = turned.shape
+    fit = Fit(np.empty((lines, 3)), np.empty(lines), np.empty(lines))
+    centre, at, flat = np.empty(3), np.empty((3, count)), np.empty((4, count))
+    products, axes = np.empty((3, 3)), np.empty((3, 3))
+    for line in range(lines):
+        for i in range(3):
+            centre[i] = xyz[line, :, i].mean()
+            for m in range(count):
+                at[i, m] = xyz[line, m, i] - centre[i]
+        normal = _find_axes(at, products, axes)
+        east, north = axes[:, (normal + 1) % 3], axes[:, (normal + 2) % 3]
+        for m in range(count):
+            flat[0, m] = at[0, m] * east[0] + at[1, m] * east[1] + at[2, m] * east[2]
+            flat[1, m] = at[0, m] * north[0] + at[1, m] * north[1] + at[2, m] * north[2]
+            flat[2, m], flat[3, m] = np.sin(turned[line, m]), np.cos(turned[line, m])
+        # Which side of the plane is seen is not known: the mirror turns one way or the other.
+        for sense in (1.0, -1.0):
+            x, y, off, unsure = _fit_plane(flat, sense)
+            if sense > 0 or off < fit.off[line]:
+                fit.position[line] = centre + x * east + y * north
+                fit.off[line], fit.unsure[line] = off, unsure
+    return fit
 
 
-def _gram(rows: Floats) -> Floats:
-    """Return the sums of products (L, U, U) of rows (U, L, S)."""
-    # Each line by itself, whatever lines are beside it.
-    return np.moveaxis((rows[:, None] * rows[None]).sum(axis=-1), -1, 0)
+@device_function
+def _fit_plane(flat: Floats, sense: float) -> tuple[float, float, float, float]:
+    """Fit the position in a plane; return how far off returns are, and how unsure it is, too.
 
-
-def _fit_plane(x: Floats, y: Floats, sine: Floats, cosine: Floats) -> Fit:
-    """Fit the position in the plane (2, L) to returns (L, S) there, and mirror angles."""
-    said = np.stack([x * sine - y * cosine, x * cosine + y * sine, -sine, cosine])
-    weight = np.ones_like(x)
+    ``flat`` (4, S): the returns there, and the sines and cosines of mirror angles.
+    """
+    count = flat.shape[1]
+    rows, products, axes = np.empty((4, count)), np.empty((4, 4)), np.empty((4, 4))
+    far, off, weight = np.empty(count), np.empty(count), np.ones(count)
+    east = north = square = error = second = 0.0
     for _ in range(FITS):
-        values, vectors = np.linalg.eigh(_gram(weight * said))
-        a, b, c, d = vectors[:, :, 0].T
-        square = np.maximum(a * a + b * b, TINY)
+        for m in range(count):
+            x, y, cosine, w = flat[0, m], flat[1, m], flat[3, m], weight[m]
+            sine = sense * flat[2, m]
+            rows[0, m], rows[1, m] = w * (x * sine - y * cosine), w * (x * cosine + y * sine)
+            rows[2, m], rows[3, m] = -w * sine, w * cosine
+        least = _find_axes(rows, products, axes)
+        a, b, c, d = axes[0, least], axes[1, least], axes[2, least], axes[3, least]
+        square = max(a * a + b * b, TINY)
         east, north = (c * a - d * b) / square, (c * b + d * a) / square
-        far = np.hypot(x - east[:, None], y - north[:, None])
-        weight = 1.0 / np.maximum(far, MIN_WEIGHED_M)
-    error, second = np.maximum(values[:, 0], 0.0), np.maximum(values[:, 1] * square, TINY)
-    residual = np.abs((vectors[:, :, 0].T[..., None] * said).sum(axis=0)) * weight
-    off = np.median(residual, axis=1) / np.sqrt(square)
+        for m in range(count):
+            residual = a * rows[0, m] + b * rows[1, m] + c * rows[2, m] + d * rows[3, m]
+            far[m] = np.sqrt((flat[0, m] - east) ** 2 + (flat[1, m] - north) ** 2)
+            before, weight[m] = weight[m], 1.0 / max(far[m], MIN_WEIGHED_M)
+            off[m] = abs(residual) / before * weight[m]
+        error, products[least, least] = max(products[least, least], 0.0), np.inf
+        second = max(np.diag(products).min() * square, TINY)
     # Points that all lie where the scanner is fit any angle.
-    off[~(np.median(far, axis=1) > MIN_RANGE_M)] = np.inf
-    return Fit(np.stack([east, north]), off, np.sqrt(error / (x.shape[1] * second)))
+    shown = median(far, count) > MIN_RANGE_M
+    typical = median(off, count) / np.sqrt(square) if shown else np.inf
+    return east, north, typical, np.sqrt(error / (count * second))
 
 
+@kernel
 def off_plane(xyz: Floats, turned: Floats) -> Floats:
     """Return how far S returns of each line (L, S, 3), from the scanner, are off a plane, rad.
 
     The median of the distances from the best plane ÷ range. The plane may move steadily along its
     normal as the mirror turns (L, S): a scanner that drives draws a screw.
     """
-    far = np.sqrt((xyz**2).sum(axis=2))
-    weight = 1.0 / np.maximum(far, MIN_WEIGHED_M)
-    since = turned - turned.mean(axis=1, keepdims=True)
-    rows = np.stack([*np.moveaxis(xyz, 2, 0), np.ones_like(far), since]) * weight
-    gram = _gram(rows)
-    moved = np.linalg.pinv(gram[:, 3:, 3:]) @ gram[:, 3:, :3]  # what shift and drive explain
-    left = gram[:, :3, :3] - gram[:, :3, 3:] @ moved
-    normal = np.linalg.eigh(left)[1][:, :, 0]
-    plane = np.concatenate([normal, -(moved @ normal[..., None])[..., 0]], axis=1)
-    off: Floats = np.median(np.abs((plane.T[..., None] * rows).sum(axis=0)), axis=1)
-    return off
+    lines, count = turned.shape
+    found, off, rows = np.empty(lines), np.empty(count), np.empty((5, count))
+    products, axes = np.empty((3, 3)), np.empty((3, 3))
+    for line in range(lines):
+        middle = turned[line].mean()
+        for m in range(count):
+            x, y, z = xyz[line, m]
+            weight = 1.0 / max(np.sqrt(x * x + y * y + z * z), MIN_WEIGHED_M)
+            rows[0, m], rows[1, m] = weight, weight * (turned[line, m] - middle)
+            rows[2, m], rows[3, m], rows[4, m] = weight * x, weight * y, weight * z
+        # What shift and drive explain is taken off.
+        for k in range(2):
+            size = max(_dot(rows[k], rows[k]), TINY)
+            for i in range(k + 1, 5):
+                part = _dot(rows[i], rows[k]) / size
+                for m in range(count):
+                    rows[i, m] -= part * rows[k, m]
+        normal = axes[:, _find_axes(rows[2:], products, axes)]
+        for m in range(count):
+            off[m] = abs(rows[2, m] * normal[0] + rows[3, m] * normal[1] + rows[4, m] * normal[2])
+        found[line] = median(off, count)
+    return found
+
+
+@device_function
+def _find_axes(rows: Floats, products: Floats, axes: Floats) -> int:
+    """Sum up products of rows (U, S), and turn them into axes; return which is the shortest."""
+    size = len(rows)
+    for i in range(size):
+        for j in range(i + 1):
+            products[i, j] = products[j, i] = _dot(rows[i], rows[j])
+    eigen(products, axes, size)
+    return find_least(products, size)
+
+
+@device_function
+def _dot(one: Floats, other: Floats) -> float:
+    """Sum up products; np.dot depends on the library beneath it."""
+    total = 0.0
+    for m in range(len(one)):
+        total += one[m] * other[m]
+    return total

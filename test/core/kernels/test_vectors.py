@@ -16,6 +16,7 @@ from lidar_outlier_filter.core.kernels.vectors import (
     most,
     no_counts,
     repeat,
+    root,
     select,
     single,
     store,
@@ -32,7 +33,7 @@ def _calculate(a: Singles, b: Singles, wide: NDArray[np.float64], out: Singles) 
     rows = (
         *(x + y, x - TWO, TWO * x * y, x / y, abs(x), least(x, y), most(x, y)),
         *(select(x < y, x, TWO), single(load(wide, 0) - load(wide, WIDTH)), single(counts)),
-        repeat(TWO),
+        *(repeat(TWO), root(abs(x))),
     )
     for row in range(len(rows)):
         store(out, row * WIDTH, rows[row])
@@ -45,7 +46,7 @@ def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
     some = np.array([*SPECIAL, *rng.normal(size=5)], np.float32)
     a, b = rng.choice(some, (2, WIDTH))
     wide = rng.normal(size=2 * WIDTH) * 1e3
-    out = np.empty((11, WIDTH), np.float32)
+    out = np.empty((12, WIDTH), np.float32)
     _calculate(a, b, wide, out)
     for lane, (x, y) in enumerate(zip(a, b, strict=True)):
         with np.errstate(all='ignore'):
@@ -54,7 +55,7 @@ def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
                 *(min(x, y), max(x, y), x if x < y else TWO),
                 np.float32(wide[lane] - wide[lane + WIDTH]),
                 np.float32(int(x < y) + int(x <= TWO and y > x)),
-                TWO,
+                *(TWO, np.sqrt(np.abs(x))),
             ]
         for got, number in zip(out[:, lane], expected, strict=True):
             # The sign of NaN is arbitrary.

@@ -33,6 +33,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     OWN_RANGES,
     RANGE,
     RINGS,
+    SIZE,
     TWO,
     ZERO,
     F,
@@ -46,7 +47,20 @@ from lidar_outlier_filter.core.kernels.kernels import (
     kernel,
     noalias_kernel,
 )
-from lidar_outlier_filter.core.kernels.lanes import network, sort
+from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
+from lidar_outlier_filter.core.kernels.vectors import (
+    WIDTH,
+    count,
+    follow,
+    least,
+    load,
+    most,
+    no_counts,
+    select,
+    single,
+    store,
+    take,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +76,7 @@ ROW = rows(PROFILE, COUNT)
 PAIRS = OWN + RINGS * AROUND
 MAX_OFF_SIGMAS = F(3.5)  # standard deviations up to which a pair is right
 MISSING = F(1e6)  # behind all others
-ALL = network(PAIRS, range(PAIRS))
+LOWER_HALF = network(PAIRS, range(PAIRS // 2 + 1))  # where the median is, of any number
 GROUPS = tuple(name for name in PROFILE if name.startswith('group'))
 REACHES = (4.0, 1.6)  # × what beams are apart: up to which returns are joined
 MAX_SEGMENT = 40  # returns of a segment: more are a surface
@@ -77,78 +91,64 @@ def write_profile(
     prepared: Prepared, line: int, window: PatternWindow, pairs: Singles, values: Singles
 ) -> None:
     """Write the features of the points of gathered windows, behind those that all sensors have."""
-    _predict_own(prepared.pattern, line, window, pairs)
-    _predict_other(prepared.pattern, line, window, pairs)
-    _write_right(pairs, values[ROW.agree])
-    sort(pairs, ALL)
+    for lane in range(0, LANES, WIDTH):
+        _predict(prepared.pattern, line, lane, window, pairs, values)
+        _copy_groups(prepared.groups, window.positions, lane, values)
+    sort(pairs, LOWER_HALF)
     _write_median(pairs, values[ROW.middle])
-    _write_groups(prepared.groups, window.positions, values)
 
 
 @noalias_kernel
-def _write_groups(groups: Singles, positions: Ints, values: Singles) -> None:
-    """Write the features of the groups of points."""
-    for row in range(len(groups)):
-        for lane in range(len(positions)):
-            values[ROW.group + row, lane] = groups[row, positions[lane]]
+def _predict(
+    pattern: Pattern, line: int, lane: int, window: PatternWindow, pairs: Singles, values: Singles
+) -> None:
+    """Write by how much pairs predict a longer range, in σ, plus ``MAX_VALUE``, from a lane on.
 
-
-@noalias_kernel
-def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
-    """Write by how much pairs of the line predict a longer range, in σ, plus ``MAX_VALUE``."""
-    square, mine, own = window.square, window.mine, window.own
-    sigma = HALF * pattern.noise[line]
-    for m in range(OWN):
-        a, b, row = OWN - 1 - m, OWN + m, pairs[m]
-        before, after = own[OWN_RANGES + a], own[OWN_RANGES + b]
-        for lane in range(len(row)):
-            r = mine[RANGE, lane]
-            pa, pb = own[OWN_PHASES + a, lane], own[OWN_PHASES + b, lane]
-            good = (square[a, lane] < FAR) & (square[b, lane] < FAR) & (pb > pa)
-            part = -pa / (pb - pa if good else ONE)
-            value = (ONE - part) / before[lane] + part / after[lane]
+    And the share of them that are right; their number is where their median will be.
+    """
+    square, away, own = window.square, window.away, window.own
+    r, sigma = load(window.mine[RANGE], lane), HALF * pattern.noise[line]
+    there, right = no_counts(), no_counts()
+    for m in range(PAIRS):
+        # Before and after in the line; then in the lines before and after.
+        a, b = (OWN - 1 - m, OWN + m) if m < OWN else (OWN + m, SIZE - 1 + OWN - m)
+        a, b = a * LANES + lane, b * LANES + lane
+        good = (load(square, a) < FAR) & (load(square, b) < FAR)
+        if m < OWN:
+            pa, pb = load(own, OWN_PHASES * LANES + a), load(own, OWN_PHASES * LANES + b)
+            good = good & (pb > pa)
+            part = (ZERO - pa) / select(good, pb - pa, ONE)
+            before, after = load(own, OWN_RANGES * LANES + a), load(own, OWN_RANGES * LANES + b)
+            value = (ONE - part) / before + part / after
             # Of a plane, the inverse range is a sine: between two others it is more than a line.
-            off = (r * value - ONE - HALF * pa * pb) * r / sigma
-            row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
+            off = r * value - ONE - HALF * pa * pb
+        else:
+            aside = F((m - OWN) % AROUND - OTHER) * pattern.step[line]
+            value = HALF / (r + load(away, a)) + HALF / (r + load(away, b))
+            off = r * value - ONE + HALF * aside * aside
+        off = least(most(off * r / sigma, -MAX_VALUE), MAX_VALUE) + MAX_VALUE
+        store(pairs, m * LANES + lane, select(good, off, MISSING))
+        right = count(right, good & (abs(off - MAX_VALUE) < MAX_OFF_SIGMAS))
+        there = count(there, good)
+    store(values, ROW.middle * LANES + lane, single(there))
+    share = single(right) / most(single(there), ONE)
+    store(values, ROW.agree * LANES + lane, select(single(there) > ZERO, share, -ONE))
 
 
 @noalias_kernel
-def _predict_other(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
-    """Write the same of pairs of lines before and after."""
-    square, away = window.square, window.away
-    reach, sigma = window.mine[RANGE], HALF * pattern.noise[line]
-    for ring in range(RINGS):
-        for m in range(AROUND):
-            a = 2 * OWN + ring * AROUND + m
-            b = 2 * OWN + (2 * RINGS - 1 - ring) * AROUND + 2 * OTHER - m
-            row, aside = pairs[OWN + ring * AROUND + m], F(m - OTHER) * pattern.step[line]
-            curved = HALF * aside * aside
-            for lane in range(len(row)):
-                r = reach[lane]
-                good = (square[a, lane] < FAR) & (square[b, lane] < FAR)
-                value = HALF / (r + away[a, lane]) + HALF / (r + away[b, lane])
-                off = (r * value - ONE + curved) * r / sigma
-                row[lane] = min(max(off, -MAX_VALUE), MAX_VALUE) + MAX_VALUE if good else MISSING
-
-
-@noalias_kernel
-def _write_right(pairs: Singles, row: Singles) -> None:
-    """Write the share of the pairs that predict the range."""
-    for lane in range(len(row)):
-        right = count = ZERO
-        for m in range(len(pairs)):
-            count += ONE if pairs[m, lane] < MISSING else ZERO
-            right += ONE if abs(pairs[m, lane] - MAX_VALUE) < MAX_OFF_SIGMAS else ZERO
-        row[lane] = right / count if count > ZERO else -ONE
+def _copy_groups(groups: Singles, positions: Ints, lane: int, values: Singles) -> None:
+    """Write the features of the groups of points, from a lane on."""
+    in_step = follow(load(positions, lane))
+    for row in range(len(groups)):
+        group = take(groups[row], positions, lane, 0, in_step)
+        store(values, (ROW.group + row) * LANES + lane, group)
 
 
 @noalias_kernel
 def _write_median(pairs: Singles, row: Singles) -> None:
-    """Write the median of the valid pairs, which are sorted, less ``MAX_VALUE``; 0 for none."""
+    """Write the median of pairs, which are sorted, less ``MAX_VALUE``; 0 for none."""
     for lane in range(len(row)):
-        count = 0
-        for m in range(len(pairs)):
-            count += pairs[m, lane] < MISSING
+        count = int(row[lane])
         low, high = pairs[max(count - 1, 0) // 2, lane], pairs[count // 2, lane]
         row[lane] = (low + high) / TWO - MAX_VALUE if count > 0 else ZERO
 
@@ -186,18 +186,25 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
     """
     out = np.full((len(GROUPS), len(pattern.order)), NO_GROUP)
 
-    def find(n: int, _end: int) -> tuple[Ints, Singles]:
+    def find(n: int, _end: int) -> tuple[Index, Index, Singles]:
         segments = find_segments(pattern, REACHES[n])
         group = join(pattern, near, REACHES[n], segments)
-        positions = np.flatnonzero(segments.of >= 0)
-        positions = positions[group[segments.of[positions]] >= 0]
-        of_groups = _describe(*_moments(pattern, positions, group[segments.of[positions]]))
-        return positions, of_groups[:, group[segments.of[positions]]]
+        return segments.of, group, _describe(pattern, segments.of, group)
 
     # The wide groups last, so that they are what stays.
-    for positions, described in reversed(pool.run(find, len(REACHES), 1, threads)):
-        out[:, positions] = described
+    for found in reversed(pool.run(find, len(REACHES), 1, threads)):
+        _write_groups(pattern, *found, out)
     return out
+
+
+@kernel
+def _write_groups(
+    pattern: Pattern, of: Index, group: Index, described: Singles, out: Singles
+) -> None:
+    for line in range(len(pattern.first)):
+        for k in range(pattern.first[line], pattern.last[line]):
+            if group[of[k]] >= 0:
+                out[:, k] = described[:, group[of[k]]]
 
 
 @kernel
@@ -224,21 +231,26 @@ def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool
     return bool(x * x + y * y + z * z <= most * most)
 
 
+@kernel
 def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Index:
     """Return the number of the free group that each segment is in, from 0; -1 for none."""
-    root, tied = _tie(pattern, near, reach, segments)
-    while (root[root] != root).any():
-        root = root[root]
-    size = np.bincount(root, segments.size, len(root))
-    held = np.bincount(root, tied | (segments.size > MAX_SEGMENT), len(root)) > 0
-    # The first segment of a group is its root.
-    free = (root == np.arange(len(root))) & ~held & (size >= MIN_GROUP_RETURNS)
+    root, held = _tie(pattern, near, reach, segments)
+    size, count = np.zeros(len(root), np.int64), 0
+    for s in range(len(root)):
+        root[s] = _root(root, s)
+        size[root[s]] += segments.size[s]
+        held[root[s]] |= held[s] or segments.size[s] > MAX_SEGMENT
     number = np.full(len(root), -1, np.int32)
-    number[free] = np.arange(np.count_nonzero(free))
-    return number[root]
+    for s in range(len(root)):
+        # The first segment of a group is its root.
+        if root[s] == s and not held[s] and size[s] >= MIN_GROUP_RETURNS:
+            number[s] = count
+            count += 1
+        number[s] = number[root[s]]
+    return number
 
 
-@kernel
+@device_function
 def _tie(
     pattern: Pattern, near: Index, reach: float, segments: Segments
 ) -> tuple[NDArray[np.int64], Bools]:
@@ -274,51 +286,69 @@ def _root(root: NDArray[np.int64], i: int) -> int:
     return int(i)
 
 
-def _moments(pattern: Pattern, positions: Ints, group: Index) -> tuple[Ints, Floats, Floats]:
-    """Return the number of returns of G groups, and two second moments of them, (3, 3, G), m².
-
-    These are of all returns; and of the mean of each line's, as often as it saw the group.
-    """
-    groups = int(group.max(initial=-1)) + 1
-    line = np.searchsorted(pattern.last, positions, side='right')
-    seen, pair, size = np.unique(line * groups + group, return_inverse=True, return_counts=True)
-    xyz = np.stack([pattern.x, pattern.y, pattern.z])[:, positions]
-    count = np.bincount(group, minlength=groups)
-    of_lines = np.stack([np.bincount(pair, row, len(seen)) for row in xyz])
-    mean = np.stack([np.bincount(group, row, groups) for row in xyz]) / count
-    moments = np.empty((2, 3, 3, groups))
-    for i in range(3):
-        for j in range(3):
-            square, outer = xyz[i] * xyz[j], of_lines[i] * of_lines[j] / size
-            moments[0, i, j] = np.bincount(group, square, groups) / count - mean[i] * mean[j]
-            outer = np.bincount(seen % max(groups, 1), outer, groups)
-            moments[1, i, j] = outer / count - mean[i] * mean[j]
-    return count, moments[0], moments[1]
-
-
-def _describe(count: Ints, of_all: Floats, of_lines: Floats) -> Singles:
+@kernel
+def _describe(pattern: Pattern, of: Index, group: Index) -> Singles:
     """Return the features ``GROUPS`` of each group, (5, G)."""
-    moments = np.ascontiguousarray(np.moveaxis(of_all, 2, 0))
-    vectors = np.empty_like(moments)
-    _turn(moments, vectors)
-    values, every = np.diagonal(moments, axis1=1, axis2=2), np.arange(len(count))
-    long = values.argmax(axis=1)
-    along = vectors[every, :, long].T
-    _, middle, most = np.maximum(np.sort(values, axis=1), TINY).T
+    groups = group.max() + 1
+    count, total, product = (
+        np.zeros((2, groups)),
+        np.zeros((2, groups, 3)),
+        np.zeros((2, groups, 9)),
+    )
+    for line in range(len(pattern.first)):
+        _add_line(pattern, line, of, group, count, total, product)
+    found = np.empty((len(GROUPS), groups), np.float32)
+    for g in range(groups):
+        mean = total[0, g] / count[0, g]
+        for n in range(2):
+            for i in range(9):
+                product[n, g, i] = product[n, g, i] / count[0, g] - mean[i // 3] * mean[i % 3]
+        found[0, g] = count[0, g]
+        _describe_moments(product[:, g].copy().reshape(2, 3, 3), found[1:, g])
+    return found
+
+
+@device_function
+def _add_line(
+    pattern: Pattern,
+    line: int,
+    of: Index,
+    group: Index,
+    count: Floats,
+    total: Floats,
+    product: Floats,
+) -> None:
+    """Sum up the returns of a line by group, and their mean as often as it saw the group."""
+    for k in range(pattern.first[line], pattern.last[line]):
+        g = group[of[k]]
+        if g >= 0:
+            at = pattern.x[k], pattern.y[k], pattern.z[k]
+            for n in range(2):
+                count[n, g] += 1
+                for i in range(3):
+                    total[n, g, i] += at[i]
+            for i in range(9):
+                product[0, g, i] += at[i // 3] * at[i % 3]
+    for k in range(pattern.first[line], pattern.last[line]):
+        g = group[of[k]]
+        if g >= 0 and count[1, g] > 0:
+            for i in range(9):
+                product[1, g, i] += total[1, g, i // 3] * total[1, g, i % 3] / count[1, g]
+            count[1, g], total[1, g] = 0.0, 0.0
+
+
+@device_function
+def _describe_moments(moments: Floats, found: Singles) -> None:
+    """Write the features of a group, by second moments (2, 3, 3) of all returns, and of lines."""
+    of_all, of_lines, axes = moments[0], moments[1], np.empty((3, 3))
+    eigen(of_all, axes, 3)
+    a, b, c = of_all[0, 0], of_all[1, 1], of_all[2, 2]
+    most, middle = max(a, b, c, TINY), max(min(max(a, b), max(min(a, b), c)), TINY)
+    along = axes[:, np.diag(of_all).argmax()]
     # One product after the other: a group's sum depends on no other group.
-    advance = np.zeros(len(count))
+    advance = 0.0
     for i in range(3):
         for j in range(3):
             advance += along[i] * of_lines[i, j] * along[j]
-    rows = (
-        *(count, np.abs(along[2]), np.sqrt(middle / most)),
-        *(np.sqrt(np.maximum(advance, 0.0) / most), UNIFORM * np.sqrt(most)),
-    )
-    return np.stack(rows).astype(np.float32)
-
-
-@kernel
-def _turn(moments: Floats, vectors: Floats) -> None:
-    """Turn each of some moments (G, 3, 3) into its principal axes, the columns of ``vectors``."""
-    for g in range(len(moments)):
-        eigen(moments[g], vectors[g], 3)
+    found[0], found[1] = abs(along[2]), np.sqrt(middle / most)
+    found[2], found[3] = np.sqrt(max(advance, 0.0) / most), UNIFORM * np.sqrt(most)

@@ -8,9 +8,7 @@ next ring. :mod:`.window` defines windows.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
@@ -37,6 +35,8 @@ from lidar_outlier_filter.core.kernels.vectors import (
     most,
     no_counts,
     repeat,
+    root,
+    select,
     single,
     store,
 )
@@ -59,10 +59,10 @@ def write_features(pattern: Pattern, line: int, window: PatternWindow, values: S
     for lane in range(0, LANES, WIDTH):
         _count(pattern, line, lane, window)
         _find_nearest(lane, window)
-    _along(pattern, line, window, values)
-    _distances(pattern, line, window, values)
-    _shares(window, values)
-    _ranges(pattern, line, window, values)
+        _along(pattern, line, lane, window, values)
+        _distances(pattern, line, lane, window, values)
+        _shares(lane, window, values)
+        _ranges(pattern, line, lane, window, values)
 
 
 @inlined_kernel
@@ -126,103 +126,99 @@ def _find_nearest(lane: int, window: PatternWindow) -> None:
 
 
 @noalias_kernel
-def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
-    """Write how far the range is from three predictions along the ring."""
-    step, noise = pattern.step[line], pattern.noise[line]
-    r0, reach, phase = window.mine[RANGE], window.own[OWN_RANGES:], window.own[OWN_PHASES:]
-    ra, pa, rc, pc = reach[OWN - 1], phase[OWN - 1], reach[OWN - 2], phase[OWN - 2]
-    rb, pb, rd, pd = reach[OWN], phase[OWN], reach[OWN + 1], phase[OWN + 1]
-    most = REACH_OWN * step * pattern.turn[line]
-    for lane in range(width(values)):
-        r, a, b = r0[lane], pa[lane], pb[lane]
-        middle = _off(r, ra[lane], a, rb[lane], b, most)
-        before = _off(r, ra[lane], a, rc[lane], pc[lane], most)
-        after = _off(r, rb[lane], b, rd[lane], pd[lane], most)
-        least = min(middle, before, after)
-        unit = step + noise / r
-        values[ROW.along, lane] = min(least / unit, MAX_VALUE)
-        values[ROW.along_m, lane] = min(least * r, MAX_VALUE)
-        values[ROW.between, lane] = min(middle / unit, MAX_VALUE)
+def _along(pattern: Pattern, line: int, lane: int, window: PatternWindow, values: Singles) -> None:
+    """Write how far the range is from three predictions along the ring, from a lane on."""
+    r, own = load(window.mine[RANGE], lane), window.own
+    ra, a = load(own[OWN_RANGES + OWN - 1], lane), load(own[OWN_PHASES + OWN - 1], lane)
+    rb, b = load(own[OWN_RANGES + OWN], lane), load(own[OWN_PHASES + OWN], lane)
+    rc, c = load(own[OWN_RANGES + OWN - 2], lane), load(own[OWN_PHASES + OWN - 2], lane)
+    rd, d = load(own[OWN_RANGES + OWN + 1], lane), load(own[OWN_PHASES + OWN + 1], lane)
+    reach = REACH_OWN * pattern.step[line] * pattern.turn[line]
+    middle = _off(r, ra, a, rb, b, reach)
+    off = least(least(middle, _off(r, ra, a, rc, c, reach)), _off(r, rb, b, rd, d, reach))
+    unit = pattern.step[line] + pattern.noise[line] / r
+    store(values[ROW.along], lane, least(off / unit, MAX_VALUE))
+    store(values[ROW.along_m], lane, least(off * r, MAX_VALUE))
+    store(values[ROW.between], lane, least(middle / unit, MAX_VALUE))
 
 
 @noalias_kernel
-def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single) -> Single:
-    """Return how far a range is from the straight line through two others, as a part of it.
+def _off(r: Any, ra: Any, pa: Any, rb: Any, pb: Any, reach: Single) -> Any:
+    """Return how far ranges are from the straight line through two others, as a part of them.
 
-    ``pa`` and ``pb`` are their phases, less that of the range.
+    ``pa`` and ``pb`` are their phases, less those of the ranges.
     """
     span = pb - pa
-    good = (abs(pa) <= most) & (abs(pb) <= most) & (span != ZERO)
-    part = -pa / (span if good else ONE)
+    good = (abs(pa) <= reach) & (abs(pb) <= reach) & (abs(span) > ZERO)
+    part = (ZERO - pa) / select(good, span, ONE)
     value = (ONE - part) / ra + part / rb
     # What the noise of both adds is taken off.
-    size = np.sqrt(ONE + (ONE - part) * (ONE - part) + part * part)
-    off = min(abs(ONE - r * value) / size, MAX_VALUE)
-    return off if good else MAX_VALUE
+    size = root(ONE + (ONE - part) * (ONE - part) + part * part)
+    return select(good, least(abs(ONE - r * value) / size, MAX_VALUE), MAX_VALUE)
 
 
 @noalias_kernel
-def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+def _distances(
+    pattern: Pattern, line: int, lane: int, window: PatternWindow, values: Singles
+) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
-    reach, step, gap = window.mine[RANGE], pattern.step[line], pattern.gap[line]
-    noise, apart = pattern.noise[line], pattern.apart[line]
-    square, sums, best = window.square, window.sums, window.best
-    for lane in range(width(values)):
-        mine = reach[lane]
-        own_unit, unit = mine * step + noise, mine * gap + apart
-        a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
-        values[ROW.step, lane] = min(min(a, b) / own_unit, MAX_VALUE)
-        values[ROW.leap, lane] = min(max(a, b) / own_unit, MAX_VALUE)
-        values[ROW.beside, lane] = min(np.sqrt(sums[SUM.nearest_other, lane]) / unit, MAX_VALUE)
-        three = np.sqrt(best[0, lane]) + np.sqrt(best[1, lane]) + np.sqrt(best[2, lane])
-        five = three + np.sqrt(best[3, lane]) + np.sqrt(best[4, lane])
-        values[ROW.near3, lane] = min(three / (THREE * unit), MAX_VALUE)
-        values[ROW.near5, lane] = min(five / (FIVE * unit), MAX_VALUE)
-        values[ROW.near5_m, lane] = min(five / FIVE, MAX_VALUE)
+    mine, square, best = load(window.mine[RANGE], lane), window.square, window.best
+    own_unit = mine * pattern.step[line] + pattern.noise[line]
+    unit = mine * pattern.gap[line] + pattern.apart[line]
+    a, b = root(load(square[OWN - 1], lane)), root(load(square[OWN], lane))
+    store(values[ROW.step], lane, least(least(a, b) / own_unit, MAX_VALUE))
+    store(values[ROW.leap], lane, least(most(a, b) / own_unit, MAX_VALUE))
+    beside = root(load(window.sums[SUM.nearest_other], lane))
+    store(values[ROW.beside], lane, least(beside / unit, MAX_VALUE))
+    three = root(load(best[0], lane)) + root(load(best[1], lane)) + root(load(best[2], lane))
+    five = three + root(load(best[3], lane)) + root(load(best[4], lane))
+    store(values[ROW.near3], lane, least(three / (THREE * unit), MAX_VALUE))
+    store(values[ROW.near5], lane, least(five / (FIVE * unit), MAX_VALUE))
+    store(values[ROW.near5_m], lane, least(five / FIVE, MAX_VALUE))
 
 
 @noalias_kernel
-def _shares(window: PatternWindow, values: Singles) -> None:
-    """Write shares of the window, and how rough it is."""
+def _shares(lane: int, window: PatternWindow, values: Singles) -> None:
+    """Write shares of the window, and how rough it is, from a lane on."""
     sums = window.sums
-    for lane in range(width(values)):
-        own, others = max(sums[SUM.there_own, lane], ONE), max(sums[SUM.there_other, lane], ONE)
-        values[ROW.before_own, lane] = sums[SUM.before_own, lane] / own
-        values[ROW.behind_own, lane] = sums[SUM.behind_own, lane] / own
-        values[ROW.before_other, lane] = sums[SUM.before_other, lane] / others
-        values[ROW.behind_other, lane] = sums[SUM.behind_other, lane] / others
-        values[ROW.level_own, lane] = sums[SUM.level_own, lane] / PLACES_OWN
-        values[ROW.level_other, lane] = sums[SUM.level_other, lane] / PLACES_OTHER
-        values[ROW.there_own, lane] = sums[SUM.there_own, lane] / PLACES_OWN
-        values[ROW.there_other, lane] = sums[SUM.there_other, lane] / PLACES_OTHER
-        for part in range(2):
-            count = max(sums[SUM.rough_count_own + part, lane], ONE)
-            values[ROW.rough_own + part, lane] = sums[SUM.rough_own + part, lane] / count
-        values[ROW.dense, lane] = sums[SUM.dense, lane] / POSITIONS
-        values[ROW.sparse, lane] = sums[SUM.sparse, lane] / POSITIONS
+    there_own, there_other = load(sums[SUM.there_own], lane), load(sums[SUM.there_other], lane)
+    own, others = most(there_own, ONE), most(there_other, ONE)
+    store(values[ROW.before_own], lane, load(sums[SUM.before_own], lane) / own)
+    store(values[ROW.behind_own], lane, load(sums[SUM.behind_own], lane) / own)
+    store(values[ROW.before_other], lane, load(sums[SUM.before_other], lane) / others)
+    store(values[ROW.behind_other], lane, load(sums[SUM.behind_other], lane) / others)
+    store(values[ROW.level_own], lane, load(sums[SUM.level_own], lane) / PLACES_OWN)
+    store(values[ROW.level_other], lane, load(sums[SUM.level_other], lane) / PLACES_OTHER)
+    store(values[ROW.there_own], lane, there_own / PLACES_OWN)
+    store(values[ROW.there_other], lane, there_other / PLACES_OTHER)
+    for part in range(2):
+        known = most(load(sums[SUM.rough_count_own + part], lane), ONE)
+        store(values[ROW.rough_own + part], lane, load(sums[SUM.rough_own + part], lane) / known)
+    store(values[ROW.dense], lane, load(sums[SUM.dense], lane) / POSITIONS)
+    store(values[ROW.sparse], lane, load(sums[SUM.sparse], lane) / POSITIONS)
 
 
 @noalias_kernel
-def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+def _ranges(pattern: Pattern, line: int, lane: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
-    reach, gap, noise = window.mine[RANGE], pattern.gap[line], pattern.noise[line]
-    bright, uneven = window.bright, pattern.uneven[line]
-    sums, inverse, beside = window.sums, window.inverse, pattern.beside[:, line]
+    inverse, beside = window.inverse, pattern.beside[:, line]
     part = beside[1] / (beside[1] + beside[2])
     low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])
-    for lane in range(width(values)):
-        mine, farthest = reach[lane], sums[SUM.farthest, lane]
-        values[ROW.range, lane] = mine
-        values[ROW.range_ratio_glare, lane] = mine * mine / farthest
-        values[ROW.depth, lane] = mine / farthest
-        values[ROW.bright, lane] = bright[lane]
-        values[ROW.uneven, lane] = uneven
-        # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
-        a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
-        between = abs(ONE - mine * ((ONE - part) * b + part * c))
-        between = between if (b > ZERO) & (c > ZERO) else MAX_VALUE
-        below = abs(ONE - mine * ((ONE + low) * b - low * a)) / (ONE + low)
-        below = below if (a > ZERO) & (b > ZERO) else MAX_VALUE
-        above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
-        above = above if (c > ZERO) & (d > ZERO) else MAX_VALUE
-        values[ROW.across, lane] = min(min(between, below, above) / (gap + noise / mine), MAX_VALUE)
+    mine, farthest = load(window.mine[RANGE], lane), load(window.sums[SUM.farthest], lane)
+    store(values[ROW.range], lane, mine)
+    store(values[ROW.range_ratio_glare], lane, mine * mine / farthest)
+    store(values[ROW.depth], lane, mine / farthest)
+    store(values[ROW.bright], lane, load(window.bright, lane))
+    store(values[ROW.uneven], lane, repeat(pattern.uneven[line]))
+    # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
+    a, b = load(inverse[0], lane), load(inverse[1], lane)
+    c, d = load(inverse[2], lane), load(inverse[3], lane)
+    between = abs(ONE - mine * ((ONE - part) * b + part * c))
+    between = select((b > ZERO) & (c > ZERO), between, MAX_VALUE)
+    below = abs(ONE - mine * ((ONE + low) * b - low * a)) / (ONE + low)
+    below = select((a > ZERO) & (b > ZERO), below, MAX_VALUE)
+    above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
+    above = select((c > ZERO) & (d > ZERO), above, MAX_VALUE)
+    off = least(least(between, below), above)
+    unit = pattern.gap[line] + pattern.noise[line] / mine
+    store(values[ROW.across], lane, least(off / unit, MAX_VALUE))
