@@ -83,7 +83,7 @@ class Develop(develop):  # type: ignore[misc]
 
 setup(
     name=NAME,
-    version='0.1.0',  # also in package.xml and in the package itself; a test compares the three
+    version='1.0.0',  # also in package.xml, CITATION.cff and the package; a test compares them
     description='Clean lidar clouds from a moving vehicle, the same live and offline',
     # Beside this very file: `colcon build --symlink-install` runs a link to it.
     long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),

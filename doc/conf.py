@@ -75,8 +75,10 @@ def reasons_table() -> str:
 def inserted() -> dict[str, str]:
     """Return what is put where a page says ``<!-- insert: NAME -->``."""
     texts = {
-        'CONTRIBUTING.md': without_title((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')),
-        'CHANGELOG.rst': without_title((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')),
+        **{
+            name: without_title((ROOT / name).read_text(encoding='utf-8'))
+            for name in ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'CHANGELOG.rst')
+        },
         'detectors': registry.table(),
         'reasons': reasons_table(),
         'parameters': table(),

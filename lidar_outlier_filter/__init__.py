@@ -27,7 +27,7 @@ __all__ = [
     '__version__',
     'detect_outliers',
 ]
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 register(find_detectors)
 
 _MODULES = {

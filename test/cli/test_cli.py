@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from helpers import names
 from helpers.drives import write_drive
 
 from lidar_outlier_filter import __version__
@@ -39,11 +40,6 @@ RUN = [sys.executable, '-c', COMMAND]
 def drive(recordings: Path, tmp_path: Path) -> Path:
     """Copy a real recording to where its output may be put beside it."""
     return Path(shutil.copytree(recordings / 'bags' / 'vlp16_mrpt_mcap', tmp_path / 'drive'))
-
-
-def names(folder: Path) -> list[str]:
-    """List the names in a folder, hidden ones too."""
-    return sorted(path.name for path in folder.iterdir())
 
 
 def rows(table: str) -> dict[str, list[str]]:

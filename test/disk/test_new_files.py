@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers import HELPERS
+from helpers import HELPERS, names
 from helpers.damaged import write_recording
 from helpers.hostile import FORMATS, whole_file
 
@@ -31,11 +31,6 @@ from lidar_outlier_filter.disk.new_files import (
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.clean import _allocator
 from lidar_outlier_filter.files.cloud_file import open_cloud
-
-
-def names(folder: Path) -> list[str]:
-    """List the names in a folder, hidden ones too."""
-    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.mark.parametrize('error', [KeyboardInterrupt, CloudError, SystemExit])

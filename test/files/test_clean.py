@@ -13,6 +13,7 @@ from typing import Any
 import laspy
 import numpy as np
 import pytest
+from helpers import names
 from helpers.cloud_files import columns
 
 from lidar_outlier_filter import __version__
@@ -45,11 +46,6 @@ def folder(real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         if path.is_file():
             (tmp_path / path.name).write_bytes(path.read_bytes())
     return tmp_path
-
-
-def names(folder: Path) -> set[str]:
-    """List the names in a folder, hidden ones too."""
-    return {path.name for path in folder.iterdir()}
 
 
 def expected_verdict(path: Path, **values: Any) -> Verdict:
@@ -286,7 +282,7 @@ def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
             CleanOptions(rejected='remove'),
             inspect=lambda _: clean_file(path, output, parameters),
         )
-    assert {name for name in names(folder) if 'out.laz' in name} == {'out.laz', 'out.laz.json'}
+    assert [name for name in names(folder) if 'out.laz' in name] == ['out.laz', 'out.laz.json']
     assert json.loads((folder / 'out.laz.json').read_text())['options']['rejected'] == 'mark'
 
 
@@ -310,4 +306,4 @@ def test_interrupted(tmp_path: Path, number: signal.Signals, status: int, tile: 
         _, said = process.communicate(timeout=60)
     assert process.returncode == status
     assert 'Traceback' not in said
-    assert names(tmp_path) == {'long.csv'}
+    assert names(tmp_path) == ['long.csv']

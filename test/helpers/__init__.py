@@ -10,6 +10,11 @@ TESTS = HELPERS.parent  # on the path of a process that imports ``helpers``
 ROOT = TESTS.parent
 
 
+def names(folder: Path) -> list[str]:
+    """List the names in a folder, hidden ones too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
 def uncompiled() -> dict[str, str]:
     """Return an environment in which kernels are plain Python: untraced, as that takes minutes."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith('COVERAGE_')}

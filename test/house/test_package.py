@@ -138,6 +138,7 @@ def test_package_xml_is_valid() -> None:
     assert package.package_format == 3
     assert package.get_build_type() == 'ament_python'
     assert package.version == setup_argument('version') == lidar_outlier_filter.__version__
+    assert f'\nversion: {package.version}\n' in (ROOT / 'CITATION.cff').read_text()
 
 
 def test_package_xml_lists_what_is_imported() -> None:

@@ -14,7 +14,6 @@ from naive.quadric import Fit, Frame, Growth, Rules
 
 Floats = NDArray[np.float64]
 
-ROOT2 = sqrt(2)
 H = 0.1
 LEVEL = naive.Plane(
     np.eye(3)[::-1].copy(), np.zeros(3), np.ones(3), 1.0

@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.judged import CAUSES
-from lidar_outlier_filter.evaluation.labels import ALL_BUT_0, Codes
+from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.files.points import INTENSITIES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
@@ -52,7 +52,6 @@ from lidar_outlier_lab.simulation.world.recording import record
 
 MAX_POINTS = 10**6
 PAIR = ['sor', 'alpha_beta_gamma']
-CODES = Codes(outliers=frozenset({1}), ignored=frozenset({9}))
 
 
 def replayed(recording: Path, output: Path, values: Mapping[str, object]) -> int:

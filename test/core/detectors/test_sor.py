@@ -77,16 +77,10 @@ def test_few_points(count: int) -> None:
 
 def test_exactly_at_the_radius() -> None:
     """A neighbour at exactly the radius is within it; the next number below leaves it out."""
-    xyz = grid_of(5)
+    xyz = np.argwhere(np.ones((5, 5, 5))).astype(np.float64)  # a cube of points, 1 m apart
     assert (detect(xyz, statistic='radius', min_neighbors=3, radius=1.0) == 1).all()
     smaller = float(np.nextafter(1, 0))
     assert (detect(xyz, statistic='radius', min_neighbors=3, radius=smaller) > 1).all()
-
-
-def grid_of(side: int) -> Floats:
-    """Lay out a cube of points, 1 m apart."""
-    axis = np.arange(float(side))
-    return np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
 
 
 @pytest.mark.parametrize('pairs', range(1, 80, 13))

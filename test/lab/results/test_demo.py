@@ -18,7 +18,6 @@ from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_lab.results import demo
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
-from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
 FILES = {
@@ -35,17 +34,14 @@ FILES = {
 }
 
 
-def short_drive() -> Drive:
-    """Take the stretch of the demo's street where the second cloud of exhaust is."""
-    return replace(demo_drive(), lines=120, trajectory=Trajectory(start=(15.0, -1.6)))
-
-
 @pytest.fixture(scope='module')
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Run the demo once: its folder, and what it printed."""
     output = tmp_path_factory.mktemp('demo') / 'new' / 'demo_output'
     console = Console(file=StringIO(), width=120)
-    assert demo.run(output, console, short_drive(), replace(snow_drive(), lines=2)) == 0
+    # The stretch of the street where the second cloud of exhaust is.
+    drive = replace(demo_drive(), lines=120, trajectory=Trajectory(start=(15.0, -1.6)))
+    assert demo.run(output, console, drive, replace(snow_drive(), lines=2)) == 0
     return output, console.file.getvalue()  # type: ignore[attr-defined]
 
 

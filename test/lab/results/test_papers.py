@@ -13,7 +13,6 @@ from naive import pcl_lof as naive
 from numpy.testing import assert_allclose
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
@@ -81,16 +80,11 @@ def test_published_form_is_in_page_and_file() -> None:
 # Pirotti ------------------------------------------------------------------------------------------
 
 
-def two_outliers(count: int) -> tuple[Floats, Bytes]:
-    """Make a ball of points with a single outlier, and one that counts as clustered."""
-    rng = np.random.default_rng(1)
-    xyz = np.concatenate([rng.normal(size=(count, 3)), [[40.0, 0, 0], [0, 60.0, 0]]])
-    return xyz, np.array([0] * count + [Cause.SINGLE, Cause.CLUSTER], np.uint8)
-
-
 def test_explored() -> None:
     """Areas, thresholds and medians of a cloud in which a far outlier stands out."""
-    xyz, code = two_outliers(300)
+    ball = np.random.default_rng(1).normal(size=(300, 3))
+    xyz = np.concatenate([ball, [[40.0, 0, 0], [0, 60.0, 0]]])
+    code = np.array([0] * 300 + [Cause.SINGLE, Cause.CLUSTER], np.uint8)
     found = roc.explore(xyz, code, Cause.CLUSTER, (3, 5))
     assert found.auc['SOR'] == [1.0, 1.0]
     assert found.best('SOR') == 0
