@@ -84,7 +84,7 @@ class ParameterError(FilterError):
 
 
 class CloudError(FilterError):
-    """A cloud that cannot be read, or that cannot be true."""
+    """A cloud that cannot be read, or has impossible values."""
 
 
 class JudgingError(CloudError):
@@ -119,7 +119,7 @@ def quote_error(error: BaseException) -> str:
 
 
 class PoseError(FilterError):
-    """A pose that cannot be true."""
+    """A pose with impossible values."""
 
 
 class RecordingError(FilterError):
@@ -127,7 +127,7 @@ class RecordingError(FilterError):
 
     Attributes
     ----------
-    is_damage : whether it was found while a recording was read, of which a part may be readable
+    is_damage : whether reading failed where a part of the recording may be readable
 
     """
 

@@ -45,7 +45,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar='N',
         help='number of recordings or files processed at once; default: all cores, '
-        'but 1 for recordings of less than 300 MB in total',
+        'but 1 for recordings of less than 300 MB in total, or without Dask',
     )
     add(
         '--scheduler',

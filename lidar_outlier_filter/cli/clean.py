@@ -59,7 +59,7 @@ def add_clean(commands: Commands) -> None:
         'databases; reads E57, written as PLY. Each copy gets a log, NAME.json. '
         'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
         'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
-        'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 a file was refused '
+        'are any. Exit status: 0 all done; 1 all refused, nothing written; 3 a file was refused '
         'or fully untested, or matplotlib is missing.',
         epilog=EXAMPLES,
     )

@@ -53,8 +53,8 @@ def add_replay(commands: Commands) -> None:
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
         'TOPIC/outliers. For a folder of recordings, or a pattern, each recording gets an output '
-        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused '
-        '(or every cloud was), nothing is written; 3 written, but clouds or recordings '
+        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused, '
+        'or all clouds refused: nothing is written; 3 written, but clouds or recordings '
         'were refused and have no output, no point of a topic could be tested, or part of a '
         'damaged recording is lost. Recordings without clouds are ignored.',
         epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'

@@ -122,7 +122,7 @@ class Verdict:
             self.rejected[self.masked] = True
 
     def take(self, part: Part) -> Verdict:
-        """Choose points by index, mask or slice, in that order.
+        """Select points by indices (in their order), mask or slice.
 
         Examples
         --------

@@ -45,7 +45,7 @@ class FilterParameters:
     Attributes
     ----------
     of_detectors : tuple of sections
-        Those that are not as by default; read them with :meth:`of`.
+        Detector sections that differ from the defaults; read them with :meth:`of`.
 
     """
 

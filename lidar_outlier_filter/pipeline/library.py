@@ -50,7 +50,7 @@ class CloudFilter(Pipeline):
     statistics : Statistics
         Counts since the start.
     refuse : callable
-        Called with the error of a cloud that is refused only when its block is judged.
+        Called with the error of a cloud that is refused after it was accepted.
     fail : callable
         Called with the first error that a detector raises at each line of code.
     slow : callable

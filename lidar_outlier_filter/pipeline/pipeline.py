@@ -153,7 +153,7 @@ class Pipeline:
         ------
         CloudError
             If the cloud is invalid. It is counted, and the next cloud is accepted; ``advance``
-            returns the clouds that it completes all the same.
+            still returns the clouds that it completes.
 
         """
         with self._counted_refusals():

@@ -83,15 +83,15 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     (N,) float64
         Statistic ÷ critical value, more than 1 exactly where rejected. Points beyond an elevation
         gap: their distance from the others ÷ ``gap``. All others: equation (5), maybe negative
-        unless ``sides`` is ``both``. NaN for points without k others. Against the ground: the
-        height above it ÷ ``height``, times ``depth_counts`` below it; for a few points so far off
+        unless ``sides`` is ``both``. NaN for points without k others. Against the ground:
+        height above it, or depth × ``depth_counts``, ÷ ``height``; for a few points so far off
         that the grid would have too many cells, the distance from the others ÷ ``widest``.
 
     Raises
     ------
     FilterError
         If a coordinate is not finite, or so large that its square is not; against the ground, if
-        there are more than 16 cells per point, and than 4,194,304.
+        cells exceed both 16 per point and 4,194,304.
 
     References
     ----------

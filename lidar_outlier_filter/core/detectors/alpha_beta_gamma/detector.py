@@ -61,8 +61,8 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     """Test every point against the prediction from its window.
 
-    Each pass rejects failing points with the largest score within reach of their windows; the next
-    pass tests their neighbours without them. A large outlier makes its neighbours fail, too:
+    Each pass rejects failing points whose score is the largest within their windows' reach; the
+    next pass tests their neighbours without them. A large outlier makes its neighbours fail, too:
     rejecting all failing points at once would reject good ones. The last allowed pass rejects all
     failing points.
 

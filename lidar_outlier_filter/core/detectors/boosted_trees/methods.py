@@ -95,7 +95,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     """Score every point by gradient-boosted trees.
 
     Points with a scan pattern are compared with the returns next to them on their own scan line and
-    on the two lines on either side; points without, with their 8 and 60 nearest neighbours.
+    on two lines on each side; other points with their 8 and 60 nearest neighbours.
 
     Parameters
     ----------
