@@ -58,11 +58,14 @@ def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str)
         (['points:=/top', 'points/cleaned:=/kept'], '/kept'),
         (['points:=/top', '/top/cleaned:=/kept'], '/kept'),
         (['points/cleaned:=/kept'], '/kept'),
+        (['inputs:=[~/input]', '~/input:=/top'], '/top/cleaned'),
+        (['inputs:=[~/input]', '~/input:=/top', '~/input/cleaned:=/kept'], '/kept'),
     ],
 )
 def test_outputs_follow_a_remapped_input(ros: Ros, rules: list[str], cleaned: str) -> None:
     """Two nodes on two inputs do not share outputs; a rule for an output itself comes first."""
-    node = ros.filter(*[word for rule in rules for word in ('-r', rule)])
+    options = ['-p' if rule.startswith('inputs') else '-r' for rule in rules]
+    node = ros.filter(*[word for pair in zip(options, rules, strict=True) for word in pair])
     node.start()
     publisher = node.channels[0].publisher
     assert publisher.cleaned.topic_name == cleaned
