@@ -19,6 +19,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_lab.simulation import presets
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
+from lidar_outlier_lab.simulation.weather import chances, scatterers, waveforms
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes, measured
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS, make_both
@@ -44,6 +45,12 @@ STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MAX_CLEAN_SWEEPS = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
 RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
+# Laws of weather that trees are judged by, and never trained on
+LAWS = {
+    'chances': chances.make_both,
+    'waveforms': waveforms.make_both,
+    'scatterers': scatterers.make_both,
+}
 # Standard deviations of the logarithm of the intensity of particles
 OF_SWEEP, OF_EACH_PARTICLE = 0.8, 0.5
 TABLE_SEEDS = (21, 22)  # of streets that sensors with published rings pass through
