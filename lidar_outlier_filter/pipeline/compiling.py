@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.neighbours.floor import count_low
-from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build
+from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build, prune
 from lidar_outlier_filter.core.points.mask import MaskLearner
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.poses import Track
@@ -91,7 +91,8 @@ def make_ready(
     Track.compile()
     recovered_rings.compile_kernels()
     if offline:
-        build(np.zeros((SUBTREE + 1, 3)))
+        _, xyz, tree = build(np.zeros((SUBTREE + 1, 3)))
+        prune(tree, np.ones(len(xyz), np.bool_), xyz)
         count_low(_turns().xyz, np.arange(COUNT))
         MaskLearner(1.0).add(_turns())
     chain = Chain(parameters)

@@ -119,6 +119,7 @@ said = StringIO()
 with TemporaryDirectory() as folder, redirect_stdout(said), redirect_stderr(said):
     os.chdir(folder)
     large = np.random.default_rng(1).uniform((0, 0, 0), (20, 20, 0.02), (40_000, 3))
+    large[::1000, 2] += 3.0
     np.savetxt('a.csv', large, '%.4f', ',', header='x,y,z', comments='')
     for words in ('clean a.csv', 'clean a.csv --output b.csv --tile 5', 'report a.csv'):
         assert main(words.split()) == 0, said.getvalue()
