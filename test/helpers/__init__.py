@@ -15,7 +15,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def uncompiled() -> dict[str, str]:
+def environment_without_compiler() -> dict[str, str]:
     """Return an environment in which kernels are plain Python: untraced, as that takes minutes."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith('COVERAGE_')}
     return kept | {'NUMBA_DISABLE_JIT': '1'}

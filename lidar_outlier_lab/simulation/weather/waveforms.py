@@ -80,9 +80,9 @@ def make_both(
         echo[:, optics.nearest > MIDDLE] = 0.0
         seen = convolve1d(echo, shape / shape.max(), axis=1, mode='constant')
         # The gain rises with time, so that what is near does not blind the receiver.
-        heard = seen * (MIDDLE / MIDDLE[-1]) ** gain
-        above = heard > optics.floor * rng.uniform(0.2, 1.0)
-        best = np.argmax(above if returns == 'first' else np.where(above, heard, 0.0), axis=1)
+        amplified = seen * (MIDDLE / MIDDLE[-1]) ** gain
+        above = amplified > optics.floor * rng.uniform(0.2, 1.0)
+        best = np.argmax(above if returns == 'first' else np.where(above, amplified, 0.0), axis=1)
         row, noise = np.arange(len(best)), rng.uniform(-0.5, 0.5, len(best))
         hit = above[row, best]
         far[some] = np.where(hit, MIDDLE[best] + BIN_M * noise, np.inf)

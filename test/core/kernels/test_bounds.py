@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from helpers import HELPERS, TESTS, uncompiled
+from helpers import HELPERS, TESTS, environment_without_compiler
 
 
 @pytest.mark.slow
@@ -14,7 +14,7 @@ def test_no_kernel_leaves_its_arrays() -> None:
     """Nor does one of any detector, its choices and its explanation; each kernel is called."""
     done = subprocess.run(
         [sys.executable, str(HELPERS / 'uncompiled.py')],
-        env=uncompiled() | {'PYTHONPATH': ':'.join([str(TESTS), *sys.path])},
+        env=environment_without_compiler() | {'PYTHONPATH': ':'.join([str(TESTS), *sys.path])},
         capture_output=True,
         text=True,
         check=False,

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 import pytest
-from helpers import ROOT, uncompiled
+from helpers import ROOT, environment_without_compiler
 
 PROGRAM = ROOT / 'benchmarks' / 'golden.py'
 NAME = 'vlp16_mrpt_mcap'
@@ -47,7 +47,7 @@ def test_kernels_that_are_not_compiled() -> None:
     """As plain Python they find what they find compiled."""
     done = subprocess.run(
         [sys.executable, str(PROGRAM), '--few', '--recordings', NAME],
-        env=uncompiled(),
+        env=environment_without_compiler(),
         capture_output=True,
         text=True,
         check=False,

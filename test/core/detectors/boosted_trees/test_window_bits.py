@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from helpers import TESTS, uncompiled
+from helpers import TESTS, environment_without_compiler
 
 # Prints the bits of features and scores of clouds of both kinds of scanners: of rings shorter than
 # a vector, of as many points, and of one more; with points that coincide, or have no numbers.
@@ -51,7 +51,7 @@ print(numba.config.DISABLE_JIT)
 def test_bits_are_those_of_loops() -> None:
     """Of every feature and score of whole windows."""
     paths = [str(TESTS), *filter(None, [os.environ.get('PYTHONPATH')])]
-    env = uncompiled() | {'PYTHONPATH': os.pathsep.join(paths)}
+    env = environment_without_compiler() | {'PYTHONPATH': os.pathsep.join(paths)}
     run = [sys.executable, '-P', '-W', 'ignore', '-c', BITS]
     compiled, loops = (
         subprocess.check_output(run, env={**env, 'NUMBA_DISABLE_JIT': without}).split()
