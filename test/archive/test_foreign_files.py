@@ -94,6 +94,9 @@ EDITS: dict[str, Callable[[], Path]] = {
     'another count': lambda: replace(
         sidecar(), sidecar().read_text().replace('"size": ', '"size": 1')
     ),
+    'the log, edited': lambda: replace(
+        sidecar(), sidecar().read_text().replace('{', '{"note": "mine",', 1)
+    ),
     'brackets': lambda: replace(sidecar(), '[' * 200_000),
     'other JSON': lambda: replace(sidecar(), '{"seal": 1, "archive": []}'),
     'no text': lambda: Path(shutil.copy(sys.executable, sidecar())),

@@ -181,6 +181,10 @@ def test_command_on_a_file(real_data: Path, capsys: Capture) -> None:
     assert main(['info', str(path)]) == 0
     text = capsys.readouterr().out
     assert '106 points' in text
+    assert '\npoint format: 3\n' in text
+    assert '\nunit: ft (0.3048 m)\n' in text
+    assert '\nCRS: ' in text
+    assert 'CRS: none' not in text
     assert 'gps_time' in text
     assert 'judged by trees on the neighbours of each point' in text
 

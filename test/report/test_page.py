@@ -522,8 +522,8 @@ def test_everybody_can_read_it(
         assert found['nowhere'] == []
         assert page.evaluate('document.documentElement.scrollWidth') <= size[0]
         assert text_of(page, '.kind') == 'lidar-outlier-filter · report'
-        scale = page.eval_on_selector('#charts canvas', 'map => map.clientWidth / map.width')
-        assert 15 * scale > 11  # pixels of the labels of the map
+        pixels = "map => parseFloat(map.getContext('2d').font) * map.clientWidth / map.width"
+        assert page.eval_on_selector('#charts canvas', pixels) > 11  # of the labels of the map
         for name in ('yaml', 'lines'):
             text = page.locator(f'#{name}').bounding_box()
             button = page.locator(f'[data-copy={name}]').bounding_box()
