@@ -17,6 +17,7 @@ import numpy as np
 from lidar_outlier_filter.parameters.node import ERROR_LIMITS
 from lidar_outlier_filter.parameters.yaml_files import config_folder
 from lidar_outlier_filter.pipeline.statistics import Statistics
+from lidar_outlier_filter.ros.backlog import Treatment
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,8 +33,9 @@ PROFILES = {
     'rmw_cyclonedds_cpp': 'cyclonedds_large_clouds.xml',
 }
 LOSS_PERIOD = 5.0  # seconds between two warnings
-LOST, DROPPED, UNFILTERED = 'lost in transit', 'dropped', 'passed unfiltered'
-DEGRADED, WITHOUT_POSE = 'filtered by alpha_beta_gamma alone', 'judged without poses'
+LOST, WITHOUT_POSE = 'lost in transit', 'judged without poses'
+DROPPED, UNFILTERED = Treatment.DROP.value, Treatment.PASS.value
+DEGRADED = Treatment.DEGRADE.value
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
 COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
