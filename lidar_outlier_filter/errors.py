@@ -32,7 +32,7 @@ LONGEST = 1000  # characters of each part of a sentence: what is quoted may be a
 
 
 def short(text: str) -> str:
-    """Leave out the middle of what nobody reads to its end."""
+    """Leave out the middle of a text longer than ``LONGEST``."""
     half = LONGEST // 2
     return text if len(text) <= LONGEST else f'{text[:half]}…{text[-half:]}'
 
@@ -70,7 +70,7 @@ class FilterError(Exception):
         self.what = printable(what)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Go from a worker to the process that asked it, as the sentence that it is."""
+        """Pickle the finished sentence, to go from a worker to the process that asked."""
         return _again, (type(self), *self.args), self.__dict__
 
 
@@ -107,10 +107,10 @@ class JudgingError(CloudError):
 
 
 def quote_error(error: BaseException) -> str:
-    """Quote what a library says of a file, on one line, where that is a sentence on the file.
+    """Quote a library's error on one line, if it says something of the file.
 
-    Others, such as ``list index out of range``, speak of the reader: the file holds then what its
-    format does not allow, and no more is known.
+    Others, such as ``list index out of range``, are about the reading code: they only show that
+    the file breaks its format.
     """
     text = str((isinstance(error, OSError) and error.strerror) or error)
     if isinstance(error, _OF_THE_READER) or not text.strip():
@@ -127,7 +127,7 @@ class RecordingError(FilterError):
 
     Attributes
     ----------
-    is_damage : whether reading failed where a part of the recording may be readable
+    is_damage : whether reading failed, but a part of the recording may be readable
 
     """
 

@@ -35,7 +35,7 @@ def add_info(commands: Commands) -> None:
     """Add the command ``info``."""
     parser = commands.add_parser(
         'info',
-        help='print what a recording or file contains, and try the defaults on it',
+        help='print what a recording or file contains; try the defaults on recordings',
         description='Print the topics of a recording, their rates, gaps and time jumps, how its '
         'clouds are read, the layout of their scan lines, the share of points that the defaults '
         'reject in a sample, and the filter speed. For a file of points: columns and extent. '

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 SCORE, DETECTORS, REASON = 'outlier_score', 'outlier_detectors', 'outlier_reason'
 OUTLIER = 'outlier'
 ALL = sum(BITS)  # bits for detectors
-# Beside the bit of a detector: it says more of the point, as the detector declares. It says nothing
-# alone, and has no vote.
+# Bits beside that of a detector, which say more of the point, as it declares. Alone they say
+# nothing, and have no vote.
 EXTRA = 0xFFFF & ~ALL & ~MASKED
 # Rounding to float32 must not turn a rejected point into a kept one.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))

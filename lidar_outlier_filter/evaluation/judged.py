@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points with known truth and verdict, from the output of a run, or from files.
 
-Missing returns (NaN, Inf, 0 0 0), and the placeholders of rejected points in organised clouds,
-are left out.
+Of clouds, missing returns (NaN, Inf, 0 0 0) and the placeholders of rejected points are left
+out.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def read_clouds(
 
     Parameters
     ----------
-    clouds : (rejected, message) pairs; rejected is None for an input, read only with label
+    clouds : (rejected, message) pairs; rejected is None for an input, used only with label
         files
     labels : of the topic that was filtered
     codes : what its labels mean
@@ -212,7 +212,7 @@ def _rows(message: Any, step: int) -> Rows:
 
 
 def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | None:
-    """Find the index in a cloud of each point of its two outputs; None: they are not its own.
+    """Find the indices of two outputs' points in their cloud; None: they are not its own.
 
     Points are found by their bytes. Of points that are equal byte by byte, the first are taken for
     those that were kept.

@@ -7,7 +7,7 @@ made from this file, from :mod:`.node`, and from the declarations of the install
 which ``core/detectors/builtin.py`` has ours. Those are named ``detector.parameter``.
 """
 
-# ruff: noqa: RUF009  the defaults that are called for are frozen
+# ruff: noqa: RUF009  the defaults made by calls are frozen
 
 from __future__ import annotations
 
@@ -93,8 +93,8 @@ class FilterParameters:
     )
     time_jump: float = declare(
         1.0,
-        'A larger step back of sensor time resets the stream, a smaller one refuses clouds; any of '
-        '/clock resets.',
+        'A larger step back in sensor time, or any in /clock, resets the stream; a smaller one '
+        'refuses clouds.',
         's',
         0.0,
         1e9,
@@ -196,8 +196,8 @@ class FilterParameters:
     mask_tolerance: float = declare(0.1, 'Tolerance of the ranges in the mask.', 'm', 0.0, 10.0)
     scores: bool = declare(
         default=False,
-        text='Add outlier_score (float32), outlier_detectors (uint16), for viewers '
-        'outlier_detector_number (uint8), and outlier_reason (uint8) to both clouds.',
+        text='Add outlier_score (float32), outlier_detectors (uint16), '
+        'outlier_detector_number (uint8, for viewers) and outlier_reason (uint8) to both clouds.',
     )
     save_to: str = declare(
         '', 'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.'
@@ -293,7 +293,7 @@ class FilterParameters:
 
 
 def _named(values: Mapping[str, object]) -> set[str]:
-    """Return the names that may be of detectors: of their parameters, and in the chain."""
+    """Return what may be detectors' names: in those of parameters, and in the chain."""
     chain = values.get('chain')
     names = [*values, *(chain if isinstance(chain, list | tuple) else ())]
     return {name.partition('.')[0] for name in names if isinstance(name, str)}
@@ -327,7 +327,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 def register(find: Callable[[Collection[str]], Installed]) -> None:
     """Set the function that finds all detectors, given names that their sections cannot have.
 
-    The package does so: detectors are in a subpackage above this one.
+    The package does so: the subpackage of detectors imports this one.
     """
     _finders[:] = [find]
 

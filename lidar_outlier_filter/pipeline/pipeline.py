@@ -50,7 +50,7 @@ class _PendingCloud(StreamCloud):
 
 @dataclass(frozen=True)
 class SplitCloud:
-    """A cloud's two parts, of its own kind, and its tag; a part that is not requested is None."""
+    """A cloud's two parts, of its type, and its tag; a part that is not requested is None."""
 
     cleaned: Any
     outliers: Any
@@ -58,7 +58,7 @@ class SplitCloud:
 
 
 class Pipeline:
-    """Filters a stream of clouds; each gives one split cloud, in order.
+    """Filters a stream of clouds; each gives one split cloud, in order, unless it is refused.
 
     A cloud may wait for its poses and for its blocks: its split cloud is returned by the call that
     completes them.
@@ -152,8 +152,8 @@ class Pipeline:
         Raises
         ------
         CloudError
-            If the cloud is invalid. It is counted, and the next cloud is accepted; ``advance``
-            still returns the clouds that it completes.
+            If the cloud is invalid. It is counted; ``advance`` still returns the
+            clouds that it completes. The next cloud is accepted.
 
         """
         with self._counted_refusals():

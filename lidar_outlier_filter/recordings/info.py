@@ -109,7 +109,7 @@ class CloudInfo:
 class RecordingInfo:
     """A summary of a recording; ``topics`` have the bag times of their messages.
 
-    ``unread`` messages are counted in the recording, but were not found in it.
+    The recording's count includes ``unread`` messages, which were not found in it.
     """
 
     path: RecordingPath

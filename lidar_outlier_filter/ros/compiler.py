@@ -127,7 +127,7 @@ class Compiler:
         self._ready(parameters)
 
     def _compile(self, requested: FilterParameters, processes: Processes) -> None:
-        until = 'clouds pass unfiltered until then'
+        until = 'clouds pass unfiltered meanwhile'
         if self._now is not None:
             until = f'{", ".join(self._now.chain)} filters meanwhile'
         sentence = f'compiling {", ".join(requested.chain)}; {until}'

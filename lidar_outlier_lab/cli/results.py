@@ -61,15 +61,15 @@ def add_results(commands: Commands) -> None:
         nargs='+',
         type=int,
         metavar='N',
-        help=f'from 0; default: {" ".join(map(str, SEEDS))}, never used for tuning',
+        help=f'nonnegative; default: {" ".join(map(str, SEEDS))}, never used for tuning',
     )
     parser.add_argument(
         '--full',
         type=int,
         default=1,
         metavar='N',
-        help='all detectors run on N seeds; on others only default chain, sor and '
-        'peers, on presets with a target; default: 1',
+        help='all detectors run on N seeds; on others only the default, sor, other '
+        'programs, on presets with targets; default: 1',
     )
     parser.add_argument(
         '--quick',

@@ -40,7 +40,7 @@ def add_train(commands: Commands) -> None:
     """Add the command ``train``."""
     parser = commands.add_parser(
         'train',
-        help="train the default's trees on weather in clean recordings of spinning sensors",
+        help='train boosted_trees on weather in clean recordings of spinning sensors',
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '

@@ -35,7 +35,7 @@ PRESETS = {
     'leslar-c': Preset(_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
     'pirotti-sfm': Preset(
         'papers.aerial.photogrammetry',
-        '1 002 596 points from images, 2596 moved off',
+        '1 002 596 points from images, 2596 shifted',
         is_named=False,
     ),
     'pirotti-fcd': Preset(

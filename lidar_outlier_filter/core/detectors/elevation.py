@@ -32,7 +32,7 @@ morphological filter (Zhang et al. 2003).
 
 Openings keep what is lower than its surroundings: the paper does not treat low points. Here a
 ground cell more than ``PIT`` below its closing by 3 × 3 cells is raised to it after the openings,
-so that low points do not pull the ground down. Under dense canopy a cell with ground is a pit, too.
+so that low points do not pull the ground down. Under dense canopy a ground cell is raised, too.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ SLOPE = 0.3  # of the ground, rise ÷ run
 MAX_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
 FREE_CELLS = 1 << 22
 CHUNK = 1 << 14  # points that a thread takes at once
-SHARE = 0.001  # most of the points that are taken off as set apart, on each side
+SHARE = 0.001  # largest share of the points taken off as set apart, on each side
 SIGMA_FLOOR_M = 0.005  # least standard deviation that an estimate may give
 
 
@@ -160,7 +160,7 @@ def _against_ground(xyz: Floats, parameters: Elevation) -> Floats:
 
 
 def _beyond(values: Floats, gap: float) -> Floats:
-    """Return how far values are beyond those that are not set apart; 0 or less: not at all."""
+    """Return how far values are outside the limits of :func:`body`; 0 or less: inside."""
     low, high = body(values, gap)
     return np.maximum(low - values, values - high)
 
@@ -194,7 +194,7 @@ def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -
     neighbourhood = Neighbourhood(searched, k, threads)
     index, tied = neighbourhood.nearest(k)
     order = neighbourhood.order
-    # A column of its own first: picked from the rows, each would fetch a whole line of memory.
+    # Copy the column first: picked from rows, each value would fetch a whole cache line.
     elevation = xyz[:, 2].copy()[order]
     result = np.empty(len(xyz))
 
@@ -210,7 +210,7 @@ def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -
 
 @kernel
 def _differences(elevation: Floats, index: Index, begin: int, end: int, result: Floats) -> None:
-    """Write M of the points from ``begin`` to ``end`` in tree order, from lists of the same."""
+    """Write M of the points from ``begin`` to ``end``, from their lists, all in tree order."""
     k = index.shape[1]
     for i in range(begin, end):
         total = 0.0
@@ -265,7 +265,7 @@ def heights(xyz: Floats, cell: float, widest: float) -> Floats:
     Raises
     ------
     FilterError
-        If the cloud is spread over more than 16 cells for a point.
+        If cells exceed both 16 per point and 4,194,304.
 
     """
     # SciPy's filters take a third of a second to import, and neighbours need none of them.

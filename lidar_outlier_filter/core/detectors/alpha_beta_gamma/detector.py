@@ -61,8 +61,8 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     """Test every point against the prediction from its window.
 
-    Each pass rejects failing points whose score is the largest within their windows' reach; the
-    next pass tests their neighbours without them. A large outlier makes its neighbours fail, too:
+    Each pass rejects failing points whose centred score is the largest in their windows' reach;
+    the next pass tests neighbours without them. A large outlier makes its neighbours fail, too:
     rejecting all failing points at once would reject good ones. The last allowed pass rejects all
     failing points.
 
@@ -156,7 +156,7 @@ def _engine(parameters: AlphaBetaGamma) -> Residuals:
 def _precision(
     standard: NDArray[np.float64], points: Points, lines: Lines, parameters: AlphaBetaGamma
 ) -> NDArray[np.float64]:
-    """Return, (3, N), one over the standard deviation that the differences still lack."""
+    """Return 1/σ, (3, N), by which the differences are yet to be multiplied."""
     if points.sigma is not None:
         return np.ones((3, len(points)))
     if parameters.sigma > 0:
@@ -276,7 +276,7 @@ def _unlink(
     reach: int,
     rejected: NDArray[np.bool_],
 ) -> NDArray[np.int64]:
-    """Take points out of their segments; return, once each, those within reach of one."""
+    """Take points out of their segments; return others within their reach, once each."""
     marked = rejected.copy()
     spoiled = np.empty(2 * reach * len(worst), np.int64)
     count = 0

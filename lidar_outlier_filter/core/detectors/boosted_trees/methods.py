@@ -48,8 +48,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
         return None if pattern is None else FoundPattern(pattern, profile=False)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
-    # the three fits. The frame of points that others may have moved is sought last, as it takes
-    # longest.
+    # the two fits. The own frame of points that may have been moved is sought after both, as it
+    # takes long.
     recovered = points.ring is not None
     # Azimuths are known in the sensor's own frame only.
     turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
@@ -76,8 +76,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
-    Without a scan pattern, the neighbours of a point are on other scan lines. The points
-    of a block with a single scan line have none, and stay untested.
+    Without a scan pattern, a point needs neighbours on other scan lines: the points of a block
+    with a single one stay untested.
     """
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
