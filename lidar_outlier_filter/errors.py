@@ -38,7 +38,7 @@ def short(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Write what is no letter, sign or space as its escape: names in a file may be any bytes.
+    """Escape characters that are not printable: names in a file may be any bytes.
 
     So a sentence stays on its line, and a terminal obeys nothing in it.
     """

@@ -44,8 +44,8 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         '--jobs',
         type=int,
         metavar='N',
-        help='number of recordings or files processed at once; default: all cores, '
-        'but 1 for recordings of less than 300 MB in total, or without Dask',
+        help='number of recordings or files processed at once; default: 1 for '
+        'recordings without Dask or of less than 300 MB in total, else all cores',
     )
     add(
         '--scheduler',

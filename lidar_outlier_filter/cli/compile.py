@@ -32,7 +32,7 @@ def add_compile(commands: Commands) -> None:
         'compile',
         help='compile the kernels, so that the node starts in seconds',
         description='Compile the kernels of the default chain and of the chains in config/, on all '
-        'cores. They are stored in NUMBA_CACHE_DIR if it is set, else beside the package, else in '
+        'cores. They are stored in NUMBA_CACHE_DIR if it is set, else beside the sources, else in '
         'the cache of the user.',
         epilog='examples:\n  lidar-outlier-filter compile\n'
         '  lidar-outlier-filter compile --chain lof,sor',

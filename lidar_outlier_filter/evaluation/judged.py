@@ -93,7 +93,7 @@ class Judged:
         return Judged(**chosen)
 
     def stretch(self, count: int) -> tuple[Ints, int]:
-        """Cut the judged points into so many stretches, at most one per cloud.
+        """Cut the judged points into ``count`` stretches, at most as many as clouds.
 
         Returns the number of each point's stretch, and how many there are.
         """

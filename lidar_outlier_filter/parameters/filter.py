@@ -3,8 +3,8 @@
 """The parameters without a section, and all parameters together: their check and their change.
 
 ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
-made from this file, from :mod:`.node`, and from the declarations of the installed detectors, of
-which ``core/detectors/builtin.py`` has ours. Those are named ``detector.parameter``.
+made from this file, from :mod:`.node`, and from what the installed detectors declare (ours in
+``core/detectors/builtin.py``). Their parameters are named ``detector.parameter``.
 """
 
 # ruff: noqa: RUF009  the defaults made by calls are frozen
@@ -327,7 +327,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 def register(find: Callable[[Collection[str]], Installed]) -> None:
     """Set the function that finds all detectors, given names that their sections cannot have.
 
-    The package does so: the subpackage of detectors imports this one.
+    The package calls it, because the detectors' subpackage imports this one.
     """
     _finders[:] = [find]
 

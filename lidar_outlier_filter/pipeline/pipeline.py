@@ -152,8 +152,8 @@ class Pipeline:
         Raises
         ------
         CloudError
-            If the cloud is invalid. It is counted; ``advance`` still returns the
-            clouds that it completes. The next cloud is accepted.
+            If the cloud is invalid. It is counted; ``advance`` returns the
+            clouds that its time completes. The next cloud is accepted.
 
         """
         with self._counted_refusals():
@@ -193,7 +193,7 @@ class Pipeline:
         return self._split()
 
     def release_oldest(self) -> list[SplitCloud]:
-        """Return the oldest pending cloud; clouds behind it may wait for their poses."""
+        """Return the oldest pending cloud and all that have their poses; others may wait."""
         if not self._blocks.pending and self._queue.clouds:
             self._judge([self._queue.release()])
             self._judge(self._queue.ready())

@@ -54,7 +54,7 @@ class ScanGeometry:
     near, far : 1st and 99th percentile of the range, m
     invalid : share of the points without a return
     low, high : elevation of the rings, degrees; nan where lines are not level around the sensor
-    step, even : between rings, the median, degrees; and whether all are alike
+    step, even : median between rings, degrees; and whether all steps are alike
     azimuth : between two points of a ring, the median, degrees
 
     """

@@ -20,8 +20,8 @@ def add_bench(commands: Commands) -> None:
     parser = commands.add_parser(
         'bench',
         help='measure the speed of this machine',
-        description='Time detectors, all filter steps of a cloud, and other installed programs, '
-        'on the same points, with one core and with two.',
+        description='Benchmark detectors, all filter steps of a cloud, and other installed '
+        'programs, on the same points, with one core and with two.',
         epilog='examples:\n  lidar-outlier-filter bench\n'
         '  lidar-outlier-filter bench --write doc/results/speed.md',
     )

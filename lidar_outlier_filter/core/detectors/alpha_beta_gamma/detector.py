@@ -3,8 +3,8 @@
 """The moving fixed-interval smoother derived from the α-β-γ filter (Leslar, Wang and Hu 2010).
 
 Each point is predicted from its window, the points in front and behind it in its line segment,
-under constant acceleration without process noise (equations 1-4), and the difference is tested
-(15-17).
+under constant velocity or acceleration (``order`` 1 or 2) without process noise (equations 1-4),
+and the difference is tested (15-17).
 
 Equations (11)-(16) weigh all points of the window, the tested one too, and then take it out again
 by dividing by 1 - a_0. That is the least squares prediction from the other points alone, so the
