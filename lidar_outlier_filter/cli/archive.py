@@ -45,7 +45,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar='N',
         help='number of recordings or files processed at once; default: 1 for '
-        'recordings without Dask or of less than 300 MB in total, else all cores',
+        'recordings below 300 MB in total or if Dask is missing, else all cores',
     )
     add(
         '--scheduler',

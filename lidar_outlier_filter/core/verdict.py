@@ -46,7 +46,7 @@ class Verdict:
     undecided : (N,) uint16
         The bits of the detectors that could not test the point.
     rejected : (N,) bool
-        Whether the point is an outlier: ``detectors`` has a bit, or with ``vote`` that many.
+        Whether the point is an outlier: by at least max(1, ``vote``) detectors, or ``masked``.
     reason : (N,) uint8
         Why, where ``scores`` are requested: a number that :func:`.registry.reasons` names, or 0.
 

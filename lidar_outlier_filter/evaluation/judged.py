@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points with known truth and verdict, from the output of a run, or from files.
 
-Of clouds, missing returns (NaN, Inf, 0 0 0) and the placeholders of rejected points are left
-out.
+From clouds, missing returns (NaN, Inf, 0 0 0) and the placeholders of rejected points are
+left out.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Judged:
         return Judged(**chosen)
 
     def stretch(self, count: int) -> tuple[Ints, int]:
-        """Cut the judged points into ``count`` stretches, at most as many as clouds.
+        """Cut the judged points into ``count`` stretches, at most one per ``index``.
 
         Returns the number of each point's stretch, and how many there are.
         """
@@ -212,7 +212,7 @@ def _rows(message: Any, step: int) -> Rows:
 
 
 def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | None:
-    """Find the indices of two outputs' points in their cloud; None: they are not its own.
+    """Find the indices of two outputs' points in their cloud; None: they are not from it.
 
     Points are found by their bytes. Of points that are equal byte by byte, the first are taken for
     those that were kept.
@@ -275,7 +275,7 @@ def read_files(  # noqa: PLR0913  what the command line offers
     label : column of the truth; empty: ``classification`` or ``label``
     score : column of the scores; empty: ``outlier_score``, if there is one
     verdict : column that is not 0 where rejected (``classification``: 7 or 18); empty: the score
-        if it or a threshold is named; else ``outlier``, else the score, else
+        if ``score`` or ``threshold`` is set; else ``outlier``, else the score, else
         ``classification``
     threshold : points with a larger score are rejected; None: 1
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters without a section, and all parameters together: their check and their change.
+"""The parameters without a section; all parameters together, how they are checked and changed.
 
 ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
 made from this file, from :mod:`.node`, and from what the installed detectors declare (ours in
@@ -325,7 +325,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 
 
 def register(find: Callable[[Collection[str]], Installed]) -> None:
-    """Set the function that finds all detectors, given names that their sections cannot have.
+    """Set the function that finds all detectors; it gets names forbidden to their sections.
 
     The package calls it, because the detectors' subpackage imports this one.
     """

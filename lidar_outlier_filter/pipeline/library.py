@@ -52,7 +52,7 @@ class CloudFilter(Pipeline):
     refuse : callable
         Called with the error of a cloud that is refused after it was accepted.
     fail : callable
-        Called with the first error that a detector raises at each line of code.
+        Called with a detector's error, only the first from each line of code.
     slow : callable
         Called from another thread while a detector takes more than 10 × ``max_delay`` for a block,
         for each such block; ``warn`` is called once for each detector.

@@ -54,8 +54,8 @@ class ScanGeometry:
     near, far : 1st and 99th percentile of the range, m
     invalid : share of the points without a return
     low, high : elevation of the rings, degrees; nan where lines are not level around the sensor
-    step, even : median between rings, degrees; and whether all steps are alike
-    azimuth : between two points of a ring, the median, degrees
+    step, even : median step of rings, degrees; whether all steps are alike
+    azimuth : median step between points of a ring, degrees
 
     """
 
@@ -109,7 +109,7 @@ class CloudInfo:
 class RecordingInfo:
     """A summary of a recording; ``topics`` have the bag times of their messages.
 
-    The recording's count includes ``unread`` messages, which were not found in it.
+    Of its declared ``messages``, ``unread`` were not found in it.
     """
 
     path: RecordingPath

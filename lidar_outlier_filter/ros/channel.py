@@ -171,7 +171,7 @@ class Channel:
         )
 
     def _log_failure(self, err: JudgingError) -> None:
-        self._log.error(f'{self.resolved}: a detector raised an error: {err}\n{err.trace}')
+        self._log.error(f'{self.resolved}: a detector raised an error:\n{err.trace}')
 
     def _log_info(self, text: str) -> None:
         self._log.info(f'{self.resolved}: {text}')

@@ -26,7 +26,7 @@ def add_bench(commands: Commands) -> None:
         '  lidar-outlier-filter bench --write doc/results/speed.md',
     )
     parser.add_argument(
-        '--write', type=Path, metavar='PAGE', help='put the tables between markers into a page'
+        '--write', type=Path, metavar='PAGE', help="put the tables between the page's markers"
     )
     parser.set_defaults(run=_bench)
 

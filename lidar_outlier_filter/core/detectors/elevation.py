@@ -26,13 +26,13 @@ morphological filter (Zhang et al. 2003).
    interpolated between rows in the same way.
 2. Openings by squares of 3, 5, 9, 17 … cells, each of the result of the last one, until a square
    is as wide as the widest object.
-3. A cell that an opening of w cells lowers by more than ``RISE_M`` + ``SLOPE`` · (w - w before) ·
+3. A cell that an opening of w cells lowers by more than ``RISE_M`` + ``SLOPE`` · (w - prior w) ·
    cell, at most ``MAX_RISE_M``, is not ground; for the first opening it is ``RISE_M``. The ground
    under such cells is filled as in 1.
 
 Openings keep what is lower than its surroundings: the paper does not treat low points. Here a
 ground cell more than ``PIT`` below its closing by 3 × 3 cells is raised to it after the openings,
-so that low points do not pull the ground down. Under dense canopy a ground cell is raised, too.
+so that low points do not pull the ground down. Under dense canopy this raises true ground, too.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
     Without a scan pattern, a point needs neighbours on other scan lines: the points of a block
-    with a single one stay untested.
+    with a single line stay untested.
     """
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
