@@ -74,7 +74,8 @@ def two() -> Iterator[Workers]:
 
 @pytest.fixture
 def scheduler(two: Workers) -> tuple[str, str]:
-    """Give the options that let them work."""
+    """Give the options that let them work; Dask gives up workers that restart slowly."""
+    two.keep()
     return '--scheduler', two.client.scheduler.address
 
 
@@ -175,9 +176,10 @@ def test_a_worker_that_does_not_come_back(
     drives: Path, whole: dict[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
     """One that Dask gives up is replaced."""
+    others = worker_processes()
     patience = config.set({'distributed.deploy.lost-worker-timeout': '1ms'})
     with patience, local_workers(1) as workers:
-        worker_processes()[0].kill()
+        next(one for one in worker_processes() if one not in others).kill()
         words = replaying(drives, tmp_path / 'out', '--scheduler', workers.address)
         plain = partial(module.Workers.check)
         with pytest.MonkeyPatch.context() as patch:
@@ -218,6 +220,7 @@ def test_a_cluster_that_runs(
     check(tmp_path / 'out', whole[drives])
 
 
+@pytest.mark.usefixtures('scheduler')
 def test_a_cluster_of_a_file(
     two: Workers, drives: Path, whole: dict[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
