@@ -161,7 +161,7 @@ class Run:
         """
         self._progress = Progress(tasks)
         suspects: list[Task] = []
-        yield from self._each(tasks, lambda: AHEAD * self.workers.count(), suspects)
+        yield from self._each(tasks, lambda: AHEAD * max(1, self.workers.count()), suspects)
         yield from self._each(suspects, lambda: 1, None)
 
     def _each(

@@ -15,7 +15,7 @@ import os
 import signal
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +46,7 @@ class Workers:
     executor : runs functions
     count : returns how many tasks run at once
     client, address : of Dask and its scheduler; None: the executor has threads of this process
-    keep : replaces workers that are gone for good
+    keep : called regularly; replaces workers that are gone for good, or reports that there is none
 
     """
 
@@ -125,9 +125,12 @@ def cluster_workers(
     """Use the workers of a running cluster, found by the address of its scheduler or its file."""
     _require()
     with _client(address, scheduler_file=file) as workers:
-        if not workers.client.nthreads():
-            inform('the cluster has no worker yet: waiting for one')
-        yield workers
+
+        def keep() -> None:
+            if not workers.count():
+                inform('the cluster has no worker: waiting for one')
+
+        yield replace(workers, keep=keep)
 
 
 @contextmanager
@@ -147,7 +150,7 @@ def _client(
     def count() -> int:
         try:
             threads: dict[str, int] = client.nthreads()
-            return max(1, sum(threads.values()))
+            return sum(threads.values())
         except (OSError, TimeoutError, CancelledError) as err:
             raise workers.gone() from err
 

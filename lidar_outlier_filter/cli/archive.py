@@ -240,7 +240,7 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
     jobs = min(jobs, len(todo))
     with ExitStack() as stack:
         if options.scheduler or options.scheduler_file:
-            found = workers.cluster_workers(options.scheduler, options.scheduler_file, say)
+            found = workers.cluster_workers(options.scheduler, options.scheduler_file, _once())
         elif by_processes and jobs > 1:
             make_ready(job.filter)  # otherwise each worker would compile the same kernels
             found = workers.local_workers(jobs)

@@ -12,15 +12,7 @@ from threading import Event, Thread
 from typing import Any
 
 import pytest
-from helpers.archives import (
-    cleaning,
-    command_of,
-    content,
-    hidden,
-    records,
-    signalled,
-    write_clouds,
-)
+from helpers.archives import cleaning, command_of, content, hidden, records, signalled, write_clouds
 
 from lidar_outlier_filter.archive import publish, run
 from lidar_outlier_filter.archive.sidecar import read_folder

@@ -14,16 +14,10 @@ from typing import Any
 import pytest
 from dask import config
 from distributed import LocalCluster  # noqa: F401  brings its settings, before a test changes one
-from helpers.archives import (
-    cleaning,
-    content,
-    hidden,
-    records,
-    replaying,
-    write_clouds,
-)
+from helpers.archives import cleaning, content, hidden, records, replaying, write_clouds
 from helpers.clusters import OWN, cluster, signalling, survivors, worker_processes
 from helpers.drives import faults_of_a_cloud, write_drive
+from helpers.programs import Program
 
 from lidar_outlier_filter.archive import jobs, run
 from lidar_outlier_filter.archive import workers as module
@@ -229,6 +223,14 @@ def test_a_cluster_of_a_file(
     two.client.write_scheduler_file(str(path))
     assert main(replaying(drives, tmp_path / 'out', f'--scheduler-file={path}')) == 0
     check(tmp_path / 'out', whole[drives])
+
+
+def test_a_cluster_without_workers(drives: Path, tmp_path: Path) -> None:
+    """A run says that it waits for one."""
+    with cluster(0) as (address, _):
+        words = replaying(drives, tmp_path / 'out', '--scheduler', address)
+        with Program('-P', '-m', 'lidar_outlier_filter.cli.main', *words) as one:
+            one.wait_for('the cluster has no worker: waiting for one')
 
 
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:

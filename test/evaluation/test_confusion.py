@@ -10,12 +10,7 @@ from sklearn import metrics
 
 from lidar_outlier_filter.core.annotations import Reals
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.confusion import (
-    Share,
-    confusion,
-    curve,
-    f1_interval,
-)
+from lidar_outlier_filter.evaluation.confusion import Share, confusion, curve, f1_interval
 
 
 @pytest.mark.parametrize(

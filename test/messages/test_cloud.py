@@ -10,16 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.clouds import (
-    TYPES,
-    cloud,
-    dump,
-    point_bytes,
-    table,
-    to_ros,
-    to_rosbags,
-    values,
-)
+from helpers.clouds import TYPES, cloud, dump, point_bytes, table, to_ros, to_rosbags, values
 from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.core.annotations import Rows

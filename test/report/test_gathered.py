@@ -41,12 +41,7 @@ from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
 from lidar_outlier_filter.report.points import SCORE_UNIT, UNTESTED, reason_numbers
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource, saved_columns
-from lidar_outlier_filter.report.steps import (
-    BITS,
-    MAX_FACTOR,
-    all_values,
-    choose_steps,
-)
+from lidar_outlier_filter.report.steps import BITS, MAX_FACTOR, all_values, choose_steps
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 

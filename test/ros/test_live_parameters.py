@@ -5,16 +5,7 @@
 from pathlib import Path
 
 import pytest
-from helpers.nodes import (
-    Ros,
-    Sensor,
-    flush,
-    line,
-    process,
-    rejected,
-    values,
-    wait_for_kernels,
-)
+from helpers.nodes import Ros, Sensor, flush, line, process, rejected, values, wait_for_kernels
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from rclpy.task import Future

@@ -12,12 +12,7 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.output import Tuned, whole
-from lidar_outlier_filter.tuning.search import (
-    fold_of_each,
-    middle_of_best,
-    sweep,
-    tune,
-)
+from lidar_outlier_filter.tuning.search import fold_of_each, middle_of_best, sweep, tune
 from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
 

@@ -19,10 +19,7 @@ from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Return
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import clouds, messages, record
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
-from lidar_outlier_lab.simulation.world.sensors import (
-    SpinningScanner,
-    _strongest,
-)
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner, _strongest
 from lidar_outlier_lab.simulation.world.surfaces import box, ground
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory, rotation
 

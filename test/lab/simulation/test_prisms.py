@@ -11,13 +11,7 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
 from lidar_outlier_lab.simulation.weather.beams import beams_of
-from lidar_outlier_lab.simulation.world.prisms import (
-    L2,
-    MID_40,
-    MID_360,
-    FreeScanner,
-    refract,
-)
+from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner, refract
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 SCANNERS = {'Mid-40': MID_40, 'L2': L2, 'Mid-360': MID_360}
