@@ -68,7 +68,8 @@ class Install(install):  # type: ignore[misc]
         """Install, and compile where nothing else, such as a wheel, was asked for."""
         super().run()
         if 'install' in self.distribution.commands:
-            compile_kernels(str(self.install_lib))
+            # Below a root lies what becomes a package for other machines, as Debian's.
+            compile_kernels(str(self.install_lib), *(['--portable'] if self.root else []))
 
 
 class Develop(develop):  # type: ignore[misc]

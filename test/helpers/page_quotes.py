@@ -241,10 +241,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 + 7 * ' --- |'
                 + '\n{load/Policies}\n\nThe slower',
             ),
-            Quote(
-                'doc/install.md',
-                'first cloud filtered |\n| --- | ---: | ---: | ---: |\n{load/Starts}\n\nA replay',
-            ),
             Quote('doc/performance.md', f'up to {{speed/{DEMO}/{THREE}/2 cores}} million points'),
             Quote(
                 ACCURACY,

@@ -188,6 +188,23 @@ def test_setup_lists_what_is_imported() -> None:
         assert pypi_names({module}) <= requirement_names(extras[EXTRAS[module]])
 
 
+def test_the_debian_package_is_of_package_xml() -> None:
+    """It has that version, and Ubuntu's packages of those dependencies, as bloom names them."""
+    package = parse_package(str(ROOT))
+    control = (ROOT / 'debian/control').read_text()
+    own = words(
+        '${misc:Depends} ${python3:Depends} debhelper-compat dh-python python3-all '
+        'python3-setuptools ros-jazzy-ros-workspace'
+    )
+    needed = {'Depends': package.exec_depends, 'Build-Depends': package.build_depends}
+    for field, depends in needed.items():
+        (stated,) = re.findall(rf'^{field}: (.*)', control, re.MULTILINE)
+        names = {one.name.replace('_', '-') for one in depends}
+        apt = {name if name.startswith('python3-') else f'ros-jazzy-{name}' for name in names}
+        assert {text.split(' ')[0] for text in stated.split(', ')} - own == apt
+    assert f'({package.version}-' in (ROOT / 'debian/changelog').read_text().partition('\n')[0]
+
+
 @pytest.mark.slow
 def test_what_tests_import_is_listed() -> None:
     """Every module of others that a test imports is a test_depend, and in the extra `test`."""
@@ -250,23 +267,29 @@ assert bool(kernel_cache.portable) == is_portable
 """
 
 
+WAYS = {
+    'wheel': '-m pip wheel --no-deps --no-build-isolation -w .. .',
+    'root': 'setup.py install --root ../installed --install-lib /',  # as for a Debian package
+}
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_a_wheel_brings_portable_kernels(tmp_path: Path) -> None:
-    """From a wheel, nothing is compiled for the first result, which equals that of host kernels.
+@pytest.mark.parametrize('way', WAYS)
+def test_packages_bring_portable_kernels(way: str, tmp_path: Path) -> None:
+    """In a package, nothing is compiled for the first result, which equals that of host kernels.
 
     Of one detector, as all take minutes; which others a wheel brings is a test of ``compile``.
     """
+    sources, installed = tmp_path / 'sources', tmp_path / 'installed'
     ignored = shutil.ignore_patterns('.*', '__pycache__', '*.egg-info', 'demo_output', 'build')
-    shutil.copytree(ROOT, tmp_path / 'sources', ignore=ignored)
+    shutil.copytree(ROOT, sources, ignore=ignored)
     some = {**os.environ, 'LIDAR_OUTLIER_FILTER_COMPILE': FASTEST}
-    words = ['pip', 'wheel', '--no-deps', '--no-build-isolation', '-w', str(tmp_path)]
-    build = [sys.executable, '-m', *words, str(tmp_path / 'sources')]
-    done = subprocess.run(build, env=some, capture_output=True, text=True, check=False)
+    build = [sys.executable, *WAYS[way].split()]
+    done = subprocess.run(build, env=some, cwd=sources, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    (wheel,) = tmp_path.glob('*.whl')
-    installed = tmp_path / 'installed'
-    shutil.unpack_archive(wheel, installed, 'zip')
+    for wheel in tmp_path.glob('*.whl'):
+        shutil.unpack_archive(wheel, installed, 'zip')
     files = {path.parent.name for path in installed.rglob('*.nb[ic]')}
     assert files == {'portable'}
     found = {}
