@@ -193,7 +193,7 @@ def test_the_debian_package_is_of_package_xml() -> None:
     package = parse_package(str(ROOT))
     control = (ROOT / 'debian/control').read_text()
     own = words(
-        '${misc:Depends} ${python3:Depends} debhelper-compat dh-python python3-all '
+        '${misc:Depends} ${python3:Depends} debhelper-compat dh-python python3 python3-all '
         'python3-setuptools ros-jazzy-ros-workspace'
     )
     needed = {'Depends': package.exec_depends, 'Build-Depends': package.build_depends}
