@@ -325,7 +325,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 
 
 def register(find: Callable[[Collection[str]], Installed]) -> None:
-    """Set the function that finds all detectors; it gets names forbidden to their sections.
+    """Set the function that finds all detectors; its argument: names sections may not have.
 
     The package calls it, because the detectors' subpackage imports this one.
     """

@@ -53,7 +53,7 @@ class ScanGeometry:
     seconds : between the cloud's first and last point
     near, far : 1st and 99th percentile of the range, m
     invalid : share of the points without a return
-    low, high : elevation of the rings, degrees; nan where lines are not level around the sensor
+    low, high : elevation of the rings, degrees; nan where lines are not rings around the sensor
     step, even : median step of rings, degrees; whether all steps are alike
     azimuth : median step between points of a ring, degrees
 
