@@ -178,7 +178,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'DROR, tuned on the same labels: {real_snow/Both returns/DROR/F1} and '
                 '{real_snow/Both returns/DROR/good points lost}. [Real',
             ),
-            Quote(ACCURACY, 'F1 is {real_snow/In short/default/both returns} with both returns'),
+            Quote(ACCURACY, 'F1 is {real_snow/In short/default/both returns} with dual returns'),
             Quote(
                 f'{START}hesai.md',
                 'has an F1 of {real_snow/Both returns/default/F1} with both, '
