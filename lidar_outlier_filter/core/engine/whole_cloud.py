@@ -95,18 +95,21 @@ def judge_whole(
         If the cloud, or a tile with halo, exceeds ``max_points``.
 
     """
-    where = np.flatnonzero(cloud.valid)
-    if tile == 0 and len(where) > parameters.max_points:
+    count = np.count_nonzero(cloud.valid)
+    if tile == 0 and count > parameters.max_points:
         must_be = f'at most max_points = {parameters.max_points}'
-        raise CloudError('the number of points judged in one piece', must_be, len(where))
+        raise CloudError('the number of points judged in one piece', must_be, count)
     for name in parameters.chain if tile > 0 else ():
         if DETECTORS[name].large == 'no':
             raise ParameterError('chain', f'without {name} where there are tiles', name)
+    chain = chain or Chain(parameters)
+    chain.slow, chain.whole, chain.tile = slow, True, tile
+    if tile > 0:
+        chain.see = partial(DetectorInput, allocate=allocate)
+    if 0 < count == len(cloud):
+        return chain.judge(cloud)  # without a copy of its columns
     verdict = Verdict.beforehand(cloud)
-    if len(where):
-        chain = chain or Chain(parameters)
-        chain.slow, chain.whole, chain.tile = slow, True, tile
-        if tile > 0:
-            chain.see = partial(DetectorInput, allocate=allocate)
+    if count:
+        where = np.flatnonzero(cloud.valid)
         verdict.put(where, chain.judge(cloud.take(where, allocate)))
     return verdict

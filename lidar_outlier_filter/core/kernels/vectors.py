@@ -113,11 +113,8 @@ class _Model(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(element, WIDTH))  # type: ignore[no-untyped-call]
 
 
-SINGLES, COUNTS, MASK = (
-    LaneVector(types.float32),
-    LaneVector(types.int32),
-    LaneVector(types.boolean),
-)
+SINGLES, COUNTS = LaneVector(types.float32), LaneVector(types.int32)
+MASK = LaneVector(types.boolean)
 _INDEX = ir.IntType(64)
 
 
@@ -269,10 +266,8 @@ def _take(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     with builder.if_else(values[4]) as (in_step, otherwise):
         with in_step:
             pointer = builder.bitcast(address(0), vector.as_pointer())
-            together, begin = (
-                builder.load(pointer, align=kinds[0].dtype.bitwidth // 8),
-                builder.block,
-            )
+            together = builder.load(pointer, align=kinds[0].dtype.bitwidth // 8)
+            begin = builder.block
         with otherwise:
             each = ir.Constant(vector, ir.Undefined)
             for lane in range(WIDTH):

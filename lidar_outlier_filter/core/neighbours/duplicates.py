@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import squared_distances
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from lidar_outlier_filter.core.annotations import Floats, Ints
+    from lidar_outlier_filter.core.kernels.threads import Result
 
 K = 8  # neighbours
 MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0
@@ -48,17 +49,7 @@ class DistinctPoints(NamedTuple):
 
 
 def find_distinct(xyz: Floats) -> DistinctPoints:
-    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
-    >>> distinct = find_distinct(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
-    >>> distinct.first.tolist(), distinct.of.tolist()
-    ([0, 1], [0, 1, 0])
-
-    """
+    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal."""
     order = np.lexsort(xyz.T)  # coincident points stay in their order
     ordered = np.take(xyz, order, axis=0)
     begins = np.ones(len(xyz), np.bool_)
@@ -71,35 +62,13 @@ def find_distinct(xyz: Floats) -> DistinctPoints:
     return DistinctPoints(np.sort(first), rank[group])
 
 
-def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
-    """Find the points that lie at the place of another one which was given earlier.
-
-    Parameters
-    ----------
-    hood, xyz : of the same N points, (N, 3), metres, finite
-    k : how many neighbours are listed
-
-    Returns
-    -------
-    (C, 2) int64
-        Indices, as given, of each and of the first point at its place; the former ascend.
-
-    """
-    if len(hood) <= 1:
-        return np.empty((0, 2), np.int64)
-    # The nearest neighbour of a point with a copy is the copy.
-    nearest = hood.nearest(k).index[:, 0]
-    shared = np.sort(hood.order[squared_distances(hood.xyz, nearest) == 0])
-    distinct = find_distinct(np.take(xyz, shared, axis=0))
-    later = np.ones(len(shared), np.bool_)
-    later[distinct.first] = False
-    return np.stack((shared[later], shared[distinct.first[distinct.of[later]]]), axis=1)
-
-
-def in_parts(xyz: Floats, where: Ints) -> Iterator[Floats]:
-    """Yield the selected points (M,) of N in parts that fit into memory."""
-    for begin in range(0, len(where), AT_ONCE):
-        yield np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
+def in_parts(
+    work: Callable[[Floats], Result], xyz: Floats, where: Ints, threads: int
+) -> list[Result]:
+    """Do work on the selected points (M,) of N, in parts that fit into memory."""
+    return pool.run(
+        lambda i, j: work(np.take(xyz, where[i:j], axis=0)), len(where), AT_ONCE, threads
+    )
 
 
 def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
@@ -114,7 +83,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
     """
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
-    some = (part[numbers(part) < limit] for part in in_parts(xyz, where))
+    some = in_parts(lambda part: part[numbers(part) < limit], xyz, where, threads)
     few = np.concatenate([np.empty((0, 3)), *some])
     alone = np.take(few, find_distinct(few).first, axis=0)
     if len(alone) <= K:
@@ -126,18 +95,21 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
 @kernel
 def numbers(xyz: Floats) -> Ints:
-    """Return a pseudo-random number from 0 to 2³² for each of N points (N, 3).
-
-    It depends on the position only, not on the order of the points or on tiles.
-    """
-    bits = (xyz + 0.0).view(np.uint64)  # 0 and -0 are one place
+    """Return the :func:`number` of each of N points (N, 3)."""
     result = np.empty(len(xyz), np.int64)
     for i in range(len(xyz)):
-        mixed = np.uint64(0)
-        for axis in range(3):
-            mixed = (mixed ^ bits[i, axis]) + MIX[0]
-            mixed = (mixed ^ (mixed >> np.uint64(30))) * MIX[1]
-            mixed = (mixed ^ (mixed >> np.uint64(27))) * MIX[2]
-            mixed = mixed ^ (mixed >> np.uint64(31))
-        result[i] = np.int64(mixed >> np.uint64(32))
+        result[i] = number(xyz, i)
     return result
+
+
+@device_function
+def number(xyz: Floats, i: int) -> np.int64:
+    """Return a pseudo-random number from 0 to 2³² that depends on the position of a point only."""
+    mixed = np.uint64(0)
+    for axis in range(3):
+        bits = np.float64(xyz[i, axis] + 0.0).view(np.uint64)  # 0 and -0 are one place
+        mixed = (mixed ^ bits) + MIX[0]
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * MIX[1]
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * MIX[2]
+        mixed = mixed ^ (mixed >> np.uint64(31))
+    return np.int64(mixed >> np.uint64(32))

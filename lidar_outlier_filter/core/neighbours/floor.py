@@ -80,14 +80,10 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     if len(where) == 0:
         return Floor(typical, np.zeros(2), side, np.empty(0, np.int64), np.empty((0, 2)))
     # NumPy takes the least of an axis faster than those of both at once.
-    lows = [(some[:, 0].min(), some[:, 1].min()) for some in in_parts(xyz, where)]
+    lows = in_parts(lambda some: (some[:, 0].min(), some[:, 1].min()), xyz, where, threads)
     origin = np.min(lows, axis=0)
-    columns, lowest = [], []
-    for some in in_parts(xyz, where):
-        column, low = _lowest(*_runs(some, origin, side))
-        columns.append(column)
-        lowest.append(low)
-    column, low = _lowest(np.concatenate(columns), np.concatenate(lowest))
+    found = in_parts(lambda some: _lowest(*_runs(some, origin, side)), xyz, where, threads)
+    column, low = _lowest(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
     wide = np.unique(_widen(column))
     floor = np.empty((len(wide), 2))
     pool.run(
@@ -103,7 +99,7 @@ def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
     Parameters: see :func:`measure_floor`.
     """
     around = measure_floor(xyz, where, threads)
-    return sum(_count_low(around, some) for some in in_parts(xyz, where))
+    return sum(in_parts(lambda some: _count_low(around, some), xyz, where, threads))
 
 
 def _widen(column: Ints) -> Ints:

@@ -157,7 +157,20 @@ class Neighbourhood:
 
     def squared_distances(self, k: int) -> Floats:
         """Return, (N,) in tree order, the squared distance of each point to its k-th neighbour."""
-        return tree_walks.squared_distances(self.xyz, self.nearest(k).index[:, -1])
+        xyz, others, result = self.xyz, self.nearest(k).index[:, -1], np.empty(self._count)
+        self._in_threads(
+            lambda i, j: tree_walks.squared_distances(xyz, others, i, j, result), self._count
+        )
+        return result
+
+    def copies(self) -> Ints:
+        """List the points, as given, at the place of an earlier one, (C, 2), and that first one."""
+        order, xyz, tree = self._build()
+        leaves = tree_walks.leaves(tree)
+        found = self._in_threads(
+            lambda i, j: tree_walks.copies(order, xyz, tree, leaves[i:j]), len(leaves)
+        )
+        return np.concatenate(found)
 
     def without(self, rejected: Bools) -> Neighbourhood:
         """Return the neighbourhood of the points that are left, numbered anew in the same order.

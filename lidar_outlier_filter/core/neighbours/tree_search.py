@@ -279,12 +279,8 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffer
 @noalias_kernel
 def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
-    few, few_index, best, best_index = (
-        buffers.few,
-        buffers.few_index,
-        buffers.best,
-        buffers.best_index,
-    )
+    few, few_index = buffers.few, buffers.few_index
+    best, best_index = buffers.best, buffers.best_index
     farthest = 0.0
     for i in range(count):
         farthest = max(farthest, few[i])

@@ -213,9 +213,24 @@ def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Ind
 
 
 @kernel
-def squared_distances(xyz: Floats, others: Index) -> Floats:
-    """Return, (N,), the squared distance of each of N points to another one, m²."""
-    result = np.empty(len(others))
-    for p in range(len(others)):
+def squared_distances(xyz: Floats, others: Index, begin: int, end: int, result: Floats) -> None:
+    """Write the squared distance of each of a range of points to another one, m²."""
+    for p in range(begin, end):
         result[p] = squared(xyz, p, others[p])
-    return result
+
+
+@kernel
+def copies(order: Ints, xyz: Floats, tree: Tree, these: Ints) -> Ints:
+    """List, as given, points of successive leaves at the place of an earlier one, and that."""
+    found = np.empty((tree.last[these[-1]] - tree.first[these[0]], 2), np.int64)
+    count = 0
+    for leaf in these:
+        first = tree.first[leaf]
+        for p in range(first + 1, tree.last[leaf]):
+            q = first
+            while q < p and squared(xyz, p, q) > 0:
+                q += 1
+            if q < p:
+                found[count, 0], found[count, 1] = order[p], order[q]
+                count += 1
+    return found[:count].copy()

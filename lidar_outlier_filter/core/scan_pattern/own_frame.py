@@ -23,7 +23,7 @@ from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_sta
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import turning_rate
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
+    from lidar_outlier_filter.core.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
 SAMPLES = 64  # points of a ring that show where the sensor was
@@ -48,12 +48,13 @@ class _Some(NamedTuple):
     phase: Floats  # (R, S) rad turned, if the head turned as fast as it usually does
 
 
-def find_own_frame(points: Points) -> Points | None:
+def find_own_frame(points: Points, order: Ints | None = None) -> Points | None:
     """Return points of a spinning sensor with their positions in its own frame.
 
     Parameters
     ----------
     points : valid ones, in any frame whose z points up
+    order : that of :func:`.order_by_line`, where it is known
 
     Returns
     -------
@@ -64,7 +65,7 @@ def find_own_frame(points: Points) -> Points | None:
         arbitrary.
 
     """
-    order = order_by_line(points)
+    order = order_by_line(points) if order is None else order
     first = line_starts(points.line[order])
     rings = np.flatnonzero(np.diff(first) >= MIN_RING_RETURNS)
     t = points.t[order]

@@ -49,13 +49,16 @@ SIGMA_FLOOR = 0.002  # metres
 NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
 
 
-def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
+def find_profile_pattern(
+    points: Points, threads: int = 0, order: Ints | None = None
+) -> Pattern | None:
     """Sort points by line and mirror angle.
 
     Parameters
     ----------
     points : valid ones, in any frame
     threads : maximum number of threads; 0: all cores
+    order : that of :func:`.order_by_line`, where it is known
 
     Returns
     -------
@@ -64,7 +67,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         at once, or the points do not lie where a mirror that turns or swings sees them.
 
     """
-    order = order_by_line(points)
+    order = order_by_line(points) if order is None else order
     first = line_starts(points.line[order])
     t = points.t[order]
     lines = len(first) - 1

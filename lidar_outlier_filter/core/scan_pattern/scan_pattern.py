@@ -142,7 +142,12 @@ ATAN = np.array(
 
 
 def find_pattern(
-    points: Points, threads: int = 0, *, spins: bool = False, in_rows: bool = False
+    points: Points,
+    threads: int = 0,
+    order: Ints | None = None,
+    *,
+    spins: bool = False,
+    in_rows: bool = False,
 ) -> Pattern | None:
     """Sort points by ring and azimuth.
 
@@ -150,6 +155,7 @@ def find_pattern(
     ----------
     points : valid ones, in the sensor's own frame
     threads : maximum number of threads; 0: all cores
+    order : that of :func:`.order_by_line`, where it is known; a pattern that is found changes it
     spins : the sensor is known to spin; else it must measure several lines at once
     in_rows : rings may be rows of a range image, in whose columns returns come in any order
 
@@ -162,7 +168,7 @@ def find_pattern(
     """
     if len(points) < MIN_RING_RETURNS:
         return None
-    order = order_by_line(points)
+    order = order_by_line(points) if order is None else order
     t, first = points.t[order], line_starts(points.line[order])
     if not spins and not is_interleaved(t, first):
         return None

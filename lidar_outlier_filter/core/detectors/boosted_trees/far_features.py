@@ -37,10 +37,7 @@ if TYPE_CHECKING:
 MAX_NEIGHBOURS, FEWER_NEIGHBOURS = 60, 20  # neighbours
 DENSE_RANK = 5  # rank of the neighbour that is dense, from 0
 GROUP_GAP = 2.0  # S: a longer distance ends a group
-SORT_SOME, SORT_MAX = (
-    network(FEWER_NEIGHBOURS, range(FEWER_NEIGHBOURS)),
-    network(MAX_NEIGHBOURS, range(MAX_NEIGHBOURS)),
-)
+SORT_SOME, SORT_MAX = (network(k, range(k)) for k in (FEWER_NEIGHBOURS, MAX_NEIGHBOURS))
 JOINING = 10  # numbers for each lane, while neighbours are joined
 
 BEGIN, COUNT, ROW = len(NEAR), len(NEAR) + len(FAR), rows(FAR, len(NEAR))
@@ -138,11 +135,8 @@ def _write_distances(
     copy_rows(buffers.radii, count, work)
     sort(work, SORT_MAX)
     # Ranks of a sorted list: the upper of two in the middle.
-    half, dense, twentieth = (
-        count // 2,
-        min(DENSE_RANK, count - 1),
-        min(FEWER_NEIGHBOURS, count) - 1,
-    )
+    half, dense = count // 2, min(DENSE_RANK, count - 1)
+    twentieth = min(FEWER_NEIGHBOURS, count) - 1
     for lane in range(len(scale)):
         s = scale[lane] = work[half, lane] + MIN_SCALE_M
         own = near.radius[points[lane]]

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import Foun
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
-from lidar_outlier_filter.core.points.scan_lines import has_lines
+from lidar_outlier_filter.core.points.scan_lines import has_lines, order_by_line
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
@@ -53,23 +53,24 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     recovered = points.ring is not None
     # Azimuths are known in the sensor's own frame only.
     turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
+    order = order_by_line(turned)
     if sensor != 'profile':
-        pattern = find_pattern(turned, threads, spins=spins)
+        pattern = find_pattern(turned, threads, order, spins=spins)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':
-        pattern = find_profile_pattern(points, threads)
+        pattern = find_profile_pattern(points, threads, None if recovered else order)
         if pattern is not None:
             return FoundPattern(pattern, profile=True)
     if sensor == 'profile':
         return None
     pattern = None
     if points.own is None and not recovered:
-        moved = find_own_frame(points)
-        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
+        moved = find_own_frame(points, order)
+        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads, order)
     if pattern is None:
         # Rows of a range image, in whose columns azimuths are not sorted.
-        pattern = find_pattern(turned, threads, spins=spins, in_rows=True)
+        pattern = find_pattern(turned, threads, order, spins=spins, in_rows=True)
     return None if pattern is None else FoundPattern(pattern, profile=False)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR, rows
 from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort, sort_signed
-from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K
+from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K, number
 from lidar_outlier_filter.core.neighbours.floor import write_depth
 
 if TYPE_CHECKING:
@@ -28,9 +28,8 @@ SMOOTH = 0.01  # of s: less is not expected of any surface
 TABLE = 1024  # slots for the points that two steps reach, a power of 2: few of them meet
 MARK = 1 << 32  # more than there are points
 LARGEST_COMPONENT = 61  # points: so many are no group
-MAX_REACHED = (
-    LARGEST_COMPONENT + 1 + K + K * K
-)  # points that are found before the steps end, at most
+SAMPLED = 8  # points: of one of so many it is found first whether its component is large
+MAX_REACHED = LARGEST_COMPONENT + 1 + K + K * K  # points, before the steps end
 MAX_VALUE = 1e6  # features are at most so large
 SORT = network(K, range(K))
 
@@ -113,12 +112,14 @@ def make_buffers() -> NearBuffers:
 
 
 @kernel
-def write_large_components(near: Near, which: Ints, is_large: Bools) -> None:
-    """Write which of some points lead to more than sixty others; ``near`` marks none yet."""
-    buffers = make_buffers()
-    for p in which:
-        _, size = _count_steps(near, p, buffers)
-        is_large[p] = size == LARGEST_COMPONENT
+def write_large_components(near: Near, begin: int, end: int, is_large: Bools) -> None:
+    """Write which points of a sample lead to more than sixty others; ``near`` marks none yet."""
+    buffers, index, marked = make_buffers(), near.index, near.is_large
+    reached, table = buffers.reached, buffers.table
+    for p in range(begin, end):
+        if number(near.xyz, p) % SAMPLED == 0:
+            _, size = _count_steps(index, marked, p, reached, table)
+            is_large[p] = size == LARGEST_COMPONENT
 
 
 @device_function
@@ -127,7 +128,8 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
     for lane in range(LANES):
         p = points[lane]
         gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
-        values[ROW.steps2, lane], values[ROW.component_size, lane] = _count_steps(near, p, buffers)
+        two, size = _count_steps(near.index, near.is_large, p, buffers.reached, buffers.table)
+        values[ROW.steps2, lane], values[ROW.component_size, lane] = two, size
         values[ROW.rare, lane] = near.radius[p] / near.around.typical
         x, y, z = near.xyz[p, 0], near.xyz[p, 1], near.xyz[p, 2]
         write_depth(near.around, x, y, z, ROW.deep, lane, values)
@@ -165,10 +167,8 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
         first, eighth = distance[0, lane], distance[K - 1, lane]
         values[ROW.near1, lane], values[ROW.near8, lane] = first / s, eighth / s
         values[ROW.near3, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
-        values[ROW.denser, lane], values[ROW.sparser, lane] = (
-            eighth / (least + MIN_SCALE_M),
-            most / s,
-        )
+        values[ROW.denser, lane] = eighth / (least + MIN_SCALE_M)
+        values[ROW.sparser, lane] = most / s
     jump, jump_at, listed = work[0], work[1], work[2]
     for lane in range(len(scale)):
         jump[lane], jump_at[lane] = 1.0, 0.0
@@ -185,51 +185,52 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 
 
 @device_function
-def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
+def _count_steps(
+    index: Index, is_large: Bools, p: int, reached: Ints, table: Ints
+) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
     Of the points that so many steps lead to, those found last are taken first: they are far out,
     and lead to new ones. What the table holds of earlier counts is less than ``mark``: so nothing
     is cleared.
     """
-    reached, table = buffers.reached, buffers.table
     table[TABLE] += MARK
     mark, count, done = table[TABLE], 1, 0
     _put(table, mark, mark + p)
     reached[0] = p
     while done < min(count, K + 1):
-        count = _step(near, reached[done], count, mark, buffers)
+        count = _step(index, reached[done], count, mark, reached, table)
         done += 1
     two, begin, end, at = count - 1, done, count, count
     # A point that reaches a large component belongs to it.
     for i in range(count):
-        if near.is_large[reached[i]]:
+        if is_large[np.uint64(reached[i])]:
             return two, LARGEST_COMPONENT
     while begin < at and count < LARGEST_COMPONENT:
         at -= 1
-        count = _step(near, reached[at], count, mark, buffers)
+        count = _step(index, reached[at], count, mark, reached, table)
         if at == begin:
             begin, end, at = end, count, count
     return two, min(count, LARGEST_COMPONENT)
 
 
-@device_function
-def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> int:
+@inlined_kernel
+def _step(index: Index, one: int, count: int, mark: int, reached: Ints, table: Ints) -> int:
     """Append the neighbours of a point that were not reached before; return the new count."""
     for m in range(K):
-        o = near.index[one, m]
-        # Without a branch, which a processor could not predict.
-        buffers.reached[count] = o
-        count += _put(buffers.table, mark, mark + o)
+        # Without a branch, which could not be predicted; unsigned, lest numba check for negatives.
+        o = index[np.uint64(one), m]
+        reached[np.uint64(count)] = o
+        count += _put(table, mark, mark + o)
     return count
 
 
-@device_function
+@inlined_kernel
 def _put(table: Ints, mark: int, number: int) -> bool:
     """Put a number into a table; return whether it was not there."""
-    slot = number & (TABLE - 1)
+    slot = np.uint64(number & (TABLE - 1))
     while (table[slot] >= mark) & (table[slot] != number):
-        slot = (slot + 1) & (TABLE - 1)
+        slot = np.uint64((int(slot) + 1) & (TABLE - 1))
     new: bool = table[slot] != number
     table[slot] = number
     return new

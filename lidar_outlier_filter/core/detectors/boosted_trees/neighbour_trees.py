@@ -36,7 +36,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
-from lidar_outlier_filter.core.neighbours.duplicates import K, find_copies, numbers
+from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 NO_VALUES = np.empty((0, 0), np.float32)
 AT_ONCE = 128 * LANES  # points that a thread takes at once
-SAMPLED = 8  # points: of one of so many it is found first whether its component is large
 
 
 def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = np.empty) -> Floats:
@@ -95,7 +94,7 @@ def find_distinct(
 
     """
     hood = Neighbourhood(xyz, K, threads, allocate)
-    copies = find_copies(hood, xyz, K) if len(xyz) > K else np.empty((0, 2), np.int64)
+    copies = hood.copies()
     if len(copies) == 0:
         return hood, hood.order, copies.T
     alone = np.ones(len(xyz), np.bool_)
@@ -114,12 +113,11 @@ def score(odds: Floats, threshold: float) -> Floats:
 
 def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
-    radius, unknown = np.sqrt(hood.squared_distances(K)), np.zeros(len(hood), np.bool_)
-    near = Near(hood.xyz, hood.nearest(K).index, radius, around, unknown)
-    some, is_large = np.flatnonzero(numbers(hood.xyz) % SAMPLED == 0), unknown.copy()
+    radius, unknown, is_large = hood.squared_distances(K), *np.zeros((2, len(hood)), np.bool_)
+    near = Near(hood.xyz, hood.nearest(K).index, np.sqrt(radius, out=radius), around, unknown)
     pool.run(
-        lambda i, j: write_large_components(near, some[i:j], is_large),
-        *(len(some), AT_ONCE, hood.threads),
+        lambda i, j: write_large_components(near, i, j, is_large),
+        *(len(radius), AT_ONCE, hood.threads),
     )
     return near._replace(is_large=is_large)
 

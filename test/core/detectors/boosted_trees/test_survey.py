@@ -16,7 +16,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVE
 from lidar_outlier_filter.core.neighbours.duplicates import (
     MIN_SCALE_M,
     K,
-    find_copies,
     find_distinct,
     typical_scale,
 )
@@ -166,7 +165,7 @@ def test_places_against_loops(name: str) -> None:
     np.testing.assert_array_equal(found.first[found.of], first)
     np.testing.assert_array_equal(found.first, sorted(set(first)))
     copies = [[p, at] for p, at in enumerate(first) if p != at]
-    assert find_copies(Neighbourhood(xyz, K), xyz, K).tolist() == copies
+    assert sorted(Neighbourhood(xyz, K).copies().tolist()) == copies
 
 
 def test_points_at_one_place_are_judged_as_one() -> None:
