@@ -296,7 +296,7 @@ def _describe(pattern: Pattern, of: Index, group: Index) -> Singles:
         np.zeros((2, groups, 9)),
     )
     for line in range(len(pattern.first)):
-        _add_line(pattern, line, of, group, count, total, product)
+        _add_line(pattern, line, of, group, (count, total, product))
     found = np.empty((len(GROUPS), groups), np.float32)
     for g in range(groups):
         mean = total[0, g] / count[0, g]
@@ -310,15 +310,10 @@ def _describe(pattern: Pattern, of: Index, group: Index) -> Singles:
 
 @device_function
 def _add_line(
-    pattern: Pattern,
-    line: int,
-    of: Index,
-    group: Index,
-    count: Floats,
-    total: Floats,
-    product: Floats,
+    pattern: Pattern, line: int, of: Index, group: Index, sums: tuple[Floats, Floats, Floats]
 ) -> None:
     """Sum up the returns of a line by group, and their mean as often as it saw the group."""
+    count, total, product = sums
     for k in range(pattern.first[line], pattern.last[line]):
         g = group[of[k]]
         if g >= 0:

@@ -13,6 +13,9 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.kernels.vectors import WIDTH, repeat, select, store
+from lidar_outlier_filter.core.kernels.vectors import load as vector
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -133,29 +136,30 @@ def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
 
 @kernel
 def add_up(trees: Trees, features: Singles, total: Singles) -> None:
-    """Call :func:`add_lanes` from Python."""
-    add_lanes(trees, features, total)
+    """Write the sums (W,) of any number of points with these features (F, W)."""
+    some, sums = np.empty((len(features), LANES), np.float32), np.empty(LANES, np.float32)
+    for begin in range(0, len(total), LANES):
+        count = min(LANES, len(total) - begin)
+        some[:, :count] = features[:, begin : begin + count]
+        add_lanes(trees, some, sums)
+        total[begin : begin + count] = sums[:count]
 
 
 @noalias_kernel
 def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
-    """Write the sums (lanes,) of points with these features (F, lanes), in single precision."""
-    for lane in range(len(total)):
-        total[lane] = trees.start
-    for tree in range(len(trees.feature)):
-        f, t, v = trees.feature[tree], trees.limit[tree], trees.value[tree]
-        a, b, c, d = features[f[0]], features[f[1]], features[f[2]], features[f[3]]
-        e, g, h = features[f[4]], features[f[5]], features[f[6]]
-        t0, t1, t2, t3, t4, t5, t6 = t[0], t[1], t[2], t[3], t[4], t[5], t[6]
-        v0, v1, v2, v3, v4, v5, v6, v7 = v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]
-        for lane in range(len(total)):
-            low = v1 if d[lane] > t3 else v0
-            high = v3 if e[lane] > t4 else v2
-            left = high if b[lane] > t1 else low
-            low = v5 if g[lane] > t5 else v4
-            high = v7 if h[lane] > t6 else v6
-            right = high if c[lane] > t2 else low
-            total[lane] += right if a[lane] > t0 else left
+    """Write the sums (LANES,) of points with these features (F, LANES), in single precision."""
+    for lane in range(0, LANES, WIDTH):
+        some = repeat(trees.start)
+        for tree in range(len(trees.feature)):
+            f, t, v = trees.feature[tree], trees.limit[tree], trees.value[tree]
+            low = select(vector(features[f[3]], lane) > t[3], v[1], v[0])
+            high = select(vector(features[f[4]], lane) > t[4], v[3], v[2])
+            left = select(vector(features[f[1]], lane) > t[1], high, low)
+            low = select(vector(features[f[5]], lane) > t[5], v[5], v[4])
+            high = select(vector(features[f[6]], lane) > t[6], v[7], v[6])
+            right = select(vector(features[f[2]], lane) > t[2], high, low)
+            some = some + select(vector(features[f[0]], lane) > t[0], right, left)
+        store(total, lane, some)
 
 
 def contribute(trees: Trees, values: Singles) -> Singles:
