@@ -62,14 +62,15 @@ def whole(
 @pytest.fixture(scope='module')
 def two() -> Iterator[Workers]:
     """Start two workers of a scheduler that gives up after two deaths: others start slowly."""
-    with config.set({'distributed.scheduler.allowed-failures': 1}), local_workers(2) as workers:
+    patience = {'distributed.deploy.lost-worker-timeout': '10 minutes'}
+    settings = config.set(patience | {'distributed.scheduler.allowed-failures': 1})
+    with settings, local_workers(2) as workers:
         yield workers
 
 
 @pytest.fixture
 def scheduler(two: Workers) -> tuple[str, str]:
-    """Give the options that let them work; Dask gives up workers that restart slowly."""
-    two.keep()
+    """Give the options that let them work."""
     return '--scheduler', two.client.scheduler.address
 
 
@@ -214,7 +215,6 @@ def test_a_cluster_that_runs(
     check(tmp_path / 'out', whole[drives])
 
 
-@pytest.mark.usefixtures('scheduler')
 def test_a_cluster_of_a_file(
     two: Workers, drives: Path, whole: dict[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
