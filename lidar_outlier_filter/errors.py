@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the package refuses, in one sentence form: what, must be, got.
 
-A sentence is written where it is raised. Any function may refuse its input by one of these;
+A sentence is written where it is raised. Any function may raise these errors;
 docstrings name them where a caller handles them.
 """
 

@@ -325,7 +325,7 @@ _finders: list[Callable[[Collection[str]], Installed]] = []
 
 
 def register(find: Callable[[Collection[str]], Installed]) -> None:
-    """Set the function that finds all detectors; its argument: names sections may not have.
+    """Set the function that finds all detectors; its argument: forbidden names of sections.
 
     The package calls it, because the detectors' subpackage imports this one.
     """

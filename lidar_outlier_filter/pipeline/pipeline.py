@@ -145,7 +145,7 @@ class Pipeline:
         tag : optional
             Is returned with the split cloud.
         stamp : int, optional
-            Time that the times of an array count from, nanoseconds. Absolute times need none.
+            Reference of an array's relative times, nanoseconds. Absolute times need none.
         bypassed : str, optional
             The reason why the cloud is not filtered: all its points go to its cleaned cloud.
 

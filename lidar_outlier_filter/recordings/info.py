@@ -109,7 +109,7 @@ class CloudInfo:
 class RecordingInfo:
     """A summary of a recording; ``topics`` have the bag times of their messages.
 
-    Of its declared ``messages``, ``unread`` were not found in it.
+    ``unread`` counts declared ``messages`` that were not found in it.
     """
 
     path: RecordingPath

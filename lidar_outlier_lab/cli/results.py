@@ -68,8 +68,8 @@ def add_results(commands: Commands) -> None:
         type=int,
         default=1,
         metavar='N',
-        help='run all detectors on N seeds; on others, only default, sor and other '
-        'programs, on presets with targets; default: 1',
+        help='run all detectors on N seeds, then only default, sor and other '
+        'programs, on presets with F1 targets; default: 1',
     )
     parser.add_argument(
         '--quick',

@@ -62,7 +62,7 @@ def add_train(commands: Commands) -> None:
         '--data',
         type=Path,
         metavar='DIR',
-        help=f'folder of the known clean recordings; default: {DATA}, or none with --onto',
+        help=f"folder of the project's clean recordings; default: {DATA}, or none with --onto",
     )
     parser.add_argument(
         '--onto',

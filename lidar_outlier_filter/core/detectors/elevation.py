@@ -16,7 +16,7 @@ The paper's (5) is M - mean > 3σ. Exactly as published it finds low points only
 promises high ones too; this is ``sides: low``, its mirror image is ``high``, and ``both`` takes the
 absolute value. σ is at least 5 mm, so that rounding on a flat floor is not a gross error.
 
-z must point up, and neighbours in x and y be neighbours on a surface, as in airborne scans.
+z must point up; neighbours in x and y must be neighbours on a surface, as in airborne scans.
 
 ``against: ground`` compares with the ground under the cloud instead, in metres: a progressive
 morphological filter (Zhang et al. 2003).
@@ -24,7 +24,7 @@ morphological filter (Zhang et al. 2003).
 1. The lowest point of each cell of a grid. An empty cell is interpolated between the nearest two
    occupied cells of its row; beyond the last of them the height is constant. Empty rows are
    interpolated between rows in the same way.
-2. Openings by squares of 3, 5, 9, 17 … cells, each of the result of the last one, until a square
+2. Openings by squares of 3, 5, 9, 17 … cells, each applied to the last result, until a square
    is as wide as the widest object.
 3. A cell that an opening of w cells lowers by more than ``RISE_M`` + ``SLOPE`` · (w - prior w) ·
    cell, at most ``MAX_RISE_M``, is not ground; for the first opening it is ``RISE_M``. The ground
