@@ -83,7 +83,7 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(1.0, 200.0),
         metavar=('LOW', 'HIGH'),
-        help='shift of outliers, metres (clusters: at least 2 × LOW); at least LOW from good '
+        help='outlier shift, metres (clusters: at least 2 × LOW), to at least LOW from good '
         'points; default: 1 to 200',
     )
 

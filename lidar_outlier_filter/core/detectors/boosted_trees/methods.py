@@ -77,8 +77,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
-    Without a scan pattern, a point needs neighbours on other scan lines: the points of a block
-    with a single line stay untested.
+    Without a scan pattern, a point needs neighbours on other scan lines: unless ``sensor`` is
+    ``survey``, the points of a block with a single line stay untested.
     """
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
