@@ -227,12 +227,10 @@ def _about(sensors: list[str], scanners: list[str]) -> dict[str, Any]:
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
     from lidar_outlier_lab.training.scenes import (
         OF_EACH,
-        OF_LAW,
         STREET_SEED_HELD_OUT,
         STREET_SEEDS,
         STREETS,
         TABLE_SEEDS,
-        TRAINED_LAW,
     )
 
     return {
@@ -242,8 +240,6 @@ def _about(sensors: list[str], scanners: list[str]) -> dict[str, Any]:
             'recordings': sensors,
             'weather': list(WEATHERS),
             'sweeps_of_each': OF_EACH,
-            'law': TRAINED_LAW,
-            'sweeps_of_law': OF_LAW,
             'simulated': scanners,
             'simulated_seeds': list(TABLE_SEEDS),
             'streets': list(STREETS),

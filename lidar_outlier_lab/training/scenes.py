@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the trees are trained on: real recordings in all weathers, and simulated streets."""
 
-import itertools
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -46,17 +45,12 @@ STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MAX_CLEAN_SWEEPS = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
 RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
-# Other laws of weather: trees are judged by all of them, and trained on `waveforms` alone
+# Laws of weather that trees are judged by, and never trained on
 LAWS = {
     'chances': chances.make_both,
     'waveforms': waveforms.make_both,
     'scatterers': scatterers.make_both,
 }
-TRAINED_LAW = 'waveforms'
-OF_LAW = 2  # sweeps with each of its weathers
-MAX_DRAWS = 6  # of a weather, until it is as dense as weather is
-MIN_OUTLIERS = 200
-MAX_SHARE = {'snow': 0.2, 'rain': 0.08, 'fog': 0.8, 'spray': 0.3, 'dust': 0.4}  # of outliers
 # Standard deviations of the logarithm of the intensity of particles
 OF_SWEEP, OF_EACH_PARTICLE = 0.8, 0.5
 TABLE_SEEDS = (21, 22)  # of streets that sensors with published rings pass through
@@ -123,22 +117,6 @@ def recorded_sweeps(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sw
             chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
             points, outlier = put_weather(clouds[k % len(clouds)], weather, chances, returns)
             sweeps.append(Sweep(name, sensor, weather, points, outlier))
-    return sweeps if sensor in DOMES else sweeps + _sweeps_of_law(sensor, clouds, seed)
-
-
-def _sweeps_of_law(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
-    """Put the weather of another law into some; what is too thin or too dense is drawn again."""
-    sweeps = []
-    for turn, (k, weather) in enumerate(itertools.product(range(OF_LAW), MAX_SHARE)):
-        kind = f'{TRAINED_LAW} {weather}'
-        name = f'{sensor} {kind} {k}'
-        cloud, returns = clouds[turn % len(clouds)], RETURNS[turn % len(RETURNS)]
-        for draw in range(MAX_DRAWS):
-            chances, law = [seed, _number(name), draw], LAWS[TRAINED_LAW]
-            points, outlier = put_weather(cloud, weather, chances, returns, make=law)
-            if outlier.sum() >= MIN_OUTLIERS and outlier.mean() <= MAX_SHARE[weather]:
-                sweeps.append(Sweep(name, sensor, kind, points, outlier))
-                break
     return sweeps
 
 

@@ -106,7 +106,7 @@ FOUND = {  # on streets left out of the training
 }
 PRESETS = {
     'leslar-a': 'wet and cold street, dense exhaust',
-    'leslar-b': 'wet street, scattered, a barrier arm',
+    'leslar-b': 'wet street, scattered outliers, barrier arm',
     'leslar-c': 'dry street, points just above the road',
     'street-16': '16 rings, rain and spray',
     'street-32': '32 rings, snow',

@@ -25,7 +25,6 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, 'STREETS', ())
     monkeypatch.setattr(scenes, 'OF_EACH', 1)
     monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
-    monkeypatch.setattr(scenes, 'MAX_SHARE', {'dust': scenes.MAX_SHARE['dust']})
     seed, _, *others = train.Recipe.__new__.__defaults__ or ()
     monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (seed, (3, 4), *others))
 
@@ -93,8 +92,10 @@ def test_command(recordings: Path, tmp_path: Path, capsys: Capture) -> None:
     assert main(['train', '--onto', *onto, '--output', str(output)]) == 0
     data = json.loads(output.read_text())
     assert data['trained_on']['recordings'] == ['vlp16_mrpt_mcap', 'os0_32']
-    assert {*data['held_out']['weather']} == {'dust', 'waveforms dust'}
-    assert {'written', 'vlp16_mrpt_mcap'} <= {*capsys.readouterr().out.split()}
+    assert {*data['held_out']['weather']} == {'dust'}
+    said = capsys.readouterr().out
+    assert 'written to' in said
+    assert 'vlp16_mrpt_mcap' in said
 
 
 def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
