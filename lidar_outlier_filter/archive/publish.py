@@ -183,8 +183,12 @@ def publish(
             noted = _noted(task, record)
             undo.pop_all()
     except FilterError:
-        with suppress(FilterError):  # the first one is raised
-            return _noted(task, record)  # of a run that was faster
+        with suppress(FilterError), ExitStack() as undo:  # the first one is raised
+            if isinstance(task.folder, Path) and _is_begun(sidecar.read(task.sidecar), record):
+                _rename(task, built, undo)  # a faster run has named its sidecar, perhaps not all
+            noted = _noted(task, record)
+            undo.pop_all()
+            return noted
         raise
     return noted
 

@@ -189,6 +189,24 @@ def test_what_comes_while_a_run_works_stays(  # noqa: PLR0913  fixtures
     assert not hidden(OUT)
 
 
+def test_a_sidecar_that_another_run_has_named(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If another run ends there, or is slow, this one gives the outputs their names."""
+    known = publish._replace_older
+
+    def late(task: Task, built: Path, now: publish.FoundOutputs, text: str) -> None:
+        path = Path(str(task.sidecar))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        known(task, built, now, text)
+
+    monkeypatch.setattr(publish, '_replace_older', late)
+    assert main(words) == 0
+    assert first().exists()
+    assert not hidden(OUT)
+
+
 def full(*_: object) -> None:
     """Fail as on a full disk."""
     raise OSError(errno.ENOSPC, 'No space left on device')
