@@ -146,16 +146,17 @@ def _seal(values: Mapping[str, Any]) -> str:
 
 def read(path: RecordingPath) -> ArchiveRecord | None:
     """Read a sidecar; None if it does not exist."""
-    records: list[ArchiveRecord] = []
-    with suppress(FileNotFoundError):  # removed by a run at the same time
-        found = files_below(path)
-        if not found and not isinstance(path, Path):
-            return None
-        if [*found] == [path] and not (isinstance(path, Path) and path.is_symlink()):
-            records = _parsed(found)
-    if not records and exists(path):
-        raise foreign(path)
-    return records[0] if records else None
+    for _ in range(2):  # a run at the same time may name it between the two looks
+        records: list[ArchiveRecord] = []
+        with suppress(FileNotFoundError):  # removed by a run at the same time
+            found = files_below(path)
+            if not found and not isinstance(path, Path):
+                return None
+            if [*found] == [path] and not (isinstance(path, Path) and path.is_symlink()):
+                records = _parsed(found)
+        if records or not exists(path):
+            return records[0] if records else None
+    raise foreign(path)
 
 
 def read_folder(folder: RecordingPath) -> list[ArchiveRecord]:

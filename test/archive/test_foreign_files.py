@@ -207,6 +207,18 @@ def test_a_sidecar_that_another_run_has_named(
     assert not hidden(OUT)
 
 
+def test_a_sidecar_that_is_named_between_two_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is read, not refused."""
+    path = Path('a.json')
+
+    def late(one: Path) -> bool:
+        one.write_text(as_text(record('a'), {}))
+        return True
+
+    monkeypatch.setattr('lidar_outlier_filter.archive.sidecar.exists', late)
+    assert read(path) is not None
+
+
 def full(*_: object) -> None:
     """Fail as on a full disk."""
     raise OSError(errno.ENOSPC, 'No space left on device')
