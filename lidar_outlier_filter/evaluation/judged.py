@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points with known truth and verdict, from the output of a run, or from files.
 
-From clouds, missing returns (NaN, Inf, 0 0 0) and the placeholders of rejected points are
-left out.
+From clouds, missing returns (NaN, Inf, 0 0 0) and placeholders of rejected points are left out.
 """
 
 from __future__ import annotations

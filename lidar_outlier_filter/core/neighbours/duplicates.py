@@ -49,7 +49,17 @@ class DistinctPoints(NamedTuple):
 
 
 def find_distinct(xyz: Floats) -> DistinctPoints:
-    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal."""
+    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
+    >>> distinct = find_distinct(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+    >>> distinct.first.tolist(), distinct.of.tolist()
+    ([0, 1], [0, 1, 0])
+
+    """
     order = np.lexsort(xyz.T)  # coincident points stay in their order
     ordered = np.take(xyz, order, axis=0)
     begins = np.ones(len(xyz), np.bool_)

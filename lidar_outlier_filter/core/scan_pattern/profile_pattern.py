@@ -14,11 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.core.points.scan_lines import (
-    is_interleaved,
-    line_starts,
-    order_by_line,
-)
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     OrderedLines,
     Pattern,

@@ -66,10 +66,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import (
-        PatternWindow,
-        Prepared,
-    )
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow, Prepared
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 ROW = rows(PROFILE, COUNT)

@@ -48,9 +48,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.annotations import Index, Ints, Single, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import (
-        PatternWindow,
-    )
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 ROW = rows(SECOND_PASS, COUNT)
