@@ -193,11 +193,11 @@ def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> N
     neighbourhood = Neighbourhood(xyz, 1)
     tree = neighbourhood.tree
     cores = quadric.find_cores(tree, section)
-    found, stack = np.empty(len(xyz), np.int64), np.empty(height(tree) + 1, np.int64)
+    found, stack = np.empty(len(xyz) + 1, np.int64), np.empty(height(tree) + 1, np.int64)
     thinned = 0
     for core in cores:
         first, last = int(tree.first[core]), int(tree.last[core])
-        room = found[: last - first + quadric.RIM * section]
+        room = found[: last - first + quadric.RIM * section + 1]
         n = quadric.find_window(neighbourhood.xyz, tree, core, section, room, stack)
         expected = naive.section_window(neighbourhood.xyz, first, last, section)
         assert found[:n].tolist() == expected

@@ -251,8 +251,7 @@ def find_cores(tree: Tree, most: int) -> Ints:
 def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, stack: Ints) -> int:
     """Find the points of a core's window, in tree order; return their number.
 
-    ``found`` holds the core and ``RIM`` × ``section`` more points; ``stack`` is for the tree
-    search.
+    ``found`` holds the core, ``RIM`` × ``section`` more points, and one; ``stack`` is to search.
     """
     size = tree.last[core] - tree.first[core]
     extent, most = (tree.high[core] - tree.low[core]).max(), (tree.high[0] - tree.low[0]).max()
@@ -287,7 +286,7 @@ def _visit(
         tree.high[core, 2] + margin,
     )
     begin, end = tree.first[core], tree.last[core]
-    count = rim = 0
+    count, rim, room = 0, 0, len(found) - 1
     stack[0], waiting = 0, 1
     while waiting > 0:
         waiting -= 1
@@ -300,22 +299,20 @@ def _visit(
             waiting += 2
             continue
         for i in range(tree.first[node], tree.last[node]):
-            if not _is_in(xyz, i, box):
-                continue
-            if i < begin or i >= end:
-                rim += 1
-                if (rim - 1) % stride > 0:
-                    continue
-            if count < len(found):
-                found[count] = i
-            count += 1
+            # Without a branch, which a processor could not predict.
+            inside, outer = _is_in(xyz, i, box), (i < begin) | (i >= end)
+            rim += inside & outer
+            skipped = stride > 1 and outer and (rim - 1) % stride > 0
+            found[min(count, room)] = i
+            count += inside & (not skipped)
     return count
 
 
 @noalias_kernel
 def _is_in(xyz: Floats, i: int, box: Bounds) -> bool:
-    x, y, z = xyz[i]
-    return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
+    x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+    across = (box[0] <= x) & (x <= box[3]) & (box[1] <= y) & (y <= box[4])
+    return bool(across & (box[2] <= z) & (z <= box[5]))
 
 
 @kernel
@@ -340,7 +337,7 @@ def judge_sections(
         The points on rims that lie on a surface, and their score in that window.
 
     """
-    found, stack = np.empty(len(window.score), np.int64), np.empty(levels + 1, np.int64)
+    found, stack = np.empty(len(window.score) + 1, np.int64), np.empty(levels + 1, np.int64)
     index = np.empty(len(cores) * RIM * section, np.int64)
     value = np.empty(len(index))
     acquitted = 0
