@@ -18,22 +18,21 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from real_snow_sweeps import SNOW, read_rings
 from real_snow_sweeps import read_sweeps as read_wads
 
-from lidar_outlier_filter.core.annotations import Bools, Floats
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Reals, Singles
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.compiling import make_ready
-from lidar_outlier_lab.results.markdown import table, write
-from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
+from lidar_outlier_lab.results.markdown import NOTHING, table, write
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES
 from lidar_outlier_lab.simulation.scenes.spinning_streets import plan
+from lidar_outlier_lab.simulation.world.drive import about, gather
 from lidar_outlier_lab.simulation.world.trajectory import Route
 from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
 
@@ -68,48 +67,36 @@ class DriveOf:
     truth: Sequence[Floats] = ()
 
 
-class Row(NamedTuple):
-    """A row of the table."""
+HEAD = (
+    *('drive', 'sweeps', 'metres', 'rejected', 'drift, raw', 'drift, cleaned'),
+    *('phantom cells, raw', 'phantom cells, cleaned', 'real cells lost'),
+)
 
-    name: str
-    sweeps: int
-    metres: float
-    rejected: float
-    drift: tuple[float, float]  # metres, before and after
-    phantom: tuple[int, int] | None
-    lost: int
-    cells: int
+
+def sweep_of(xyz: Reals, t: Ints, ring: NDArray[np.uint16], intensity: Singles) -> Points:
+    """Return a sweep without missing returns."""
+    valid = np.ones(len(xyz), np.bool_)
+    return Points(xyz.astype(np.float64), t, ring.astype(np.int64), valid, intensity=intensity)
 
 
 def simulated(turns: int) -> Iterator[DriveOf]:
     """Simulate one straight drive in dry air, in snow, and in heavy snow."""
     drive = replace(plan(RINGS, SEED), lines=turns, trajectory=ROUTE)
-    block = choose.gather(drive)
+    block = gather(drive)
     per_turn = drive.sensor.shots_per_line
     for share in SHARES:
-        returns = choose.about(block, share) if share else block.clean
+        returns = about(block, share) if share else block.clean
         points, turn = returns.points, returns.shot // per_turn
         sweeps, bad = [], []
         for k in range(turns):
             own = points[turn == k]
             shot = returns.shot[turn == k]
-            sweeps.append(
-                Points(
-                    np.stack([own[axis] for axis in 'xyz'], axis=1).astype(np.float64),
-                    shot * drive.sensor.interval,
-                    own['ring'].astype(np.int64),
-                    np.ones(len(own), np.bool_),
-                    intensity=own['intensity'].copy(),
-                )
-            )
+            xyz, t = np.stack([own[axis] for axis in 'xyz'], axis=1), shot * drive.sensor.interval
+            sweeps.append(sweep_of(xyz, t, own['ring'], own['intensity'].copy()))
             bad.append(own['label'] > 0)
         ends = np.arange(1, turns + 1) * per_turn * drive.sensor.interval / SECOND
-        name = (
-            f'`street-{RINGS}`, snow, {100 * share:.0f} % outliers'
-            if share
-            else f'`street-{RINGS}`, dry'
-        )
-        yield DriveOf(name, sweeps, bad, poses_of(ROUTE, ends))
+        what = f'snow, {100 * share:.0f} % outliers' if share else 'dry'
+        yield DriveOf(f'`street-{RINGS}`, {what}', sweeps, bad, poses_of(ROUTE, ends))
 
 
 def poses_of(route: Route, seconds: Floats) -> list[Floats]:
@@ -129,15 +116,7 @@ def in_snow(folder: Path, most: int) -> DriveOf:
     sweeps, bad = [], []
     for one in read_wads(folder, read_rings(ROOT / 'benchmarks' / 'pandar64.csv'))[:most]:
         own = ~one.copy
-        sweeps.append(
-            Points(
-                one.xyz[own].astype(np.float64),
-                one.time[own],
-                one.ring[own].astype(np.int64),
-                np.ones(int(own.sum()), np.bool_),
-                intensity=one.intensity[own],
-            )
-        )
+        sweeps.append(sweep_of(one.xyz[own], one.time[own], one.ring[own], one.intensity[own]))
         bad.append(one.label[own] == SNOW)
     return DriveOf('WADS, real snow, labelled', sweeps, bad)
 
@@ -194,10 +173,10 @@ def ground_of(sweep: Points, good: Bools, pose: Floats) -> float:
     return float(np.percentile(placed[:, 2], 20))
 
 
-def measure(drive: DriveOf, chain: Chain) -> Row:
-    """Clean a drive, and compare what is behind the filter before and after."""
+def measure(drive: DriveOf, chain: Chain) -> list[str]:
+    """Clean a drive, and compare what is behind the filter before and after: a row of the table."""
     sweeps = drive.sweeps
-    every: list[NDArray[np.bool_]] = [np.ones(len(one), np.bool_) for one in sweeps]
+    every: list[Bools] = [np.ones(len(one), np.bool_) for one in sweeps]
     rejected = [chain.judge(one).rejected for one in sweeps]
     kept = [~one for one in rejected]
     good = [~one for one in drive.bad] or every
@@ -207,43 +186,21 @@ def measure(drive: DriveOf, chain: Chain) -> Row:
     ground = ground_of(sweeps[0], good[0], truth[0])
     real = cells(sweeps, good, truth, ground)
     left = cells(sweeps, kept, truth, ground)
-    phantom = None
+    phantom = [NOTHING] * 2
     if drive.bad:
-        phantom = len(cells(sweeps, every, truth, ground) - real), len(left - real)
+        before = len(cells(sweeps, every, truth, ground) - real)
+        phantom = [f'{before:,}', f'{len(left - real):,}']
     path = np.diff([pose[:3, 3] for pose in truth], axis=0)
-    return Row(
+    share = sum(map(np.sum, rejected)) / sum(map(len, sweeps))
+    return [
         drive.name,
-        len(sweeps),
-        float(np.sum(np.linalg.norm(path, axis=1))),
-        sum(map(np.sum, rejected)) / sum(map(len, sweeps)),
-        (drift(raw, truth), drift(cleaned, truth)),
-        phantom,
-        len(real - left),
-        len(real),
-    )
-
-
-def lay_out(rows: Sequence[Row]) -> str:
-    """Lay out the rows in Markdown."""
-    return table(
-        [
-            *('drive', 'sweeps', 'metres', 'rejected', 'drift, raw', 'drift, cleaned'),
-            *('phantom cells, raw', 'phantom cells, cleaned', 'real cells lost'),
-        ],
-        [
-            [
-                row.name,
-                str(row.sweeps),
-                f'{row.metres:.1f}',
-                f'{100 * row.rejected:.2f} %',
-                *(f'{100 * one:.1f} cm' for one in row.drift),
-                *(f'{one:,}' for one in row.phantom or ()),
-                *('–' for _ in range(0 if row.phantom else 2)),
-                f'{row.lost:,} of {row.cells:,}',
-            ]
-            for row in rows
-        ],
-    )
+        str(len(sweeps)),
+        f'{np.sum(np.linalg.norm(path, axis=1)):.1f}',
+        f'{100 * share:.2f} %',
+        *(f'{100 * drift(one, truth):.1f} cm' for one in (raw, cleaned)),
+        *phantom,
+        f'{len(real - left):,} of {len(real):,}',
+    ]
 
 
 def main() -> int:
@@ -262,9 +219,9 @@ def main() -> int:
     for drives in (simulated(options.turns), snow, recorded(options.data)):
         for drive in drives:
             rows.append(measure(drive, chain))
-            print(lay_out(rows[-1:]), flush=True)
+            print(table(HEAD, rows[-1:]), flush=True)
     if options.write:
-        write(PAGE, SECTION, lay_out(rows), command=COMMAND)
+        write(PAGE, SECTION, table(HEAD, rows), command=COMMAND)
     return 0
 
 

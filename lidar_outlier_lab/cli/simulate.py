@@ -18,6 +18,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
     say_unread,
+    show,
     stoppable_bar,
     stopping,
 )
@@ -32,22 +33,23 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.evaluation.truth import Cause
-    from lidar_outlier_lab.simulation.world.recording import Cloud
 
 STEPS = 1000  # of the bar
 
 
 def add_simulate(commands: Commands) -> None:
     """Add the command ``simulate``."""
+    from argparse import RawDescriptionHelpFormatter
+
     parser = commands.add_parser(
         'simulate',
         help='make a recording whose outliers are known',
         description='Write a bag of simulated clouds, or put weather into a recording of a sensor\n'
         'that spins (--onto). The field "label" has the cause of each outlier (0: good point). In\n'
         'presets, the field "surface" has the surface of each good point.\n\n'
-        f'presets:\n{_listed({name: preset.sentence for name, preset in PRESETS.items()})}\n\n'
+        f'presets:\n{_listed({name: sentence for name, (_, sentence) in PRESETS.items()})}\n\n'
         f'weathers:\n{_listed(WEATHER_NAMES)}',
-        formatter_class=_raw(),
+        formatter_class=RawDescriptionHelpFormatter,
         epilog='examples:\n  lidar-outlier-filter simulate street-16 --output drive --seed 2\n'
         '  lidar-outlier-filter simulate --onto drive --weather light_snow --output snowy',
     )
@@ -108,13 +110,6 @@ def _listed(sentences: Mapping[str, str]) -> str:
     return '\n'.join(f'  {name:{width}}  {sentence}' for name, sentence in sentences.items())
 
 
-def _raw() -> type[argparse.HelpFormatter]:
-    """Keep the lines of a description."""
-    from argparse import RawDescriptionHelpFormatter
-
-    return RawDescriptionHelpFormatter
-
-
 def _simulate(options: argparse.Namespace) -> int:
     names = {'preset': 'PRESET', 'onto': '--onto', 'weather': '--weather'}
     given = [said for name, said in names.items() if getattr(options, name) is not None]
@@ -125,39 +120,32 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _preset(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_lab.simulation.presets import make
     from lidar_outlier_lab.simulation.world.recording import write
 
     output = options.output or Path(options.preset)
-    with stopping() as leave_if_asked, progress_bar(options.preset) as show:
+    with stopping() as leave_if_asked, progress_bar(options.preset) as advance:
 
         def progress(done: float) -> None:
             leave_if_asked()
-            show(round(STEPS * done), STEPS)
+            advance(round(STEPS * done), STEPS)
 
-        def written(_: Cloud) -> None:
-            leave_if_asked()
-
-        truth = write(make(options.preset, options.seed, options.share, progress), output, written)
-    console = Console()
-    console.print(_table(truth.points, truth.outliers, truth.causes))
-    console.print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
+        made = make(options.preset, options.seed, options.share, progress)
+        truth = write(made, output, lambda _: leave_if_asked())
+    show(_table(truth.causes), f'written to {output}')
     return DONE
 
 
 def _onto(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_lab.simulation.weather.clouds import put_onto
 
     if options.share is not None:
         raise FilterError('--share', 'given with a PRESET', options.share)
+    output = options.output or beside(options.onto, f'_{options.weather}')
     with stoppable_bar(options.onto.name) as progress:
-        report = put_onto(
+        counts = put_onto(
             options.onto,
-            options.output or beside(options.onto, f'_{options.weather}'),
+            output,
             options.weather,
             options.topics,
             options.seed,
@@ -166,24 +154,23 @@ def _onto(options: argparse.Namespace) -> int:
             progress=progress,
             inform=say,
         )
-    console = Console()
-    console.print(_table(report.points, report.outliers, report.causes))
-    console.print(f'surfaces that are hidden now: {report.hidden:,}', highlight=False)
-    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
-    if report.untouched:
-        clouds = f'{report.untouched} of {report.messages} clouds'
+    hidden = f'surfaces that are hidden now: {counts.hidden:,}'
+    show(_table(counts.causes), hidden, f'written to {output}')
+    if counts.untouched:
+        clouds = f'{counts.untouched} of {counts.messages} clouds'
         say(f'{clouds} have too few points to show how their sensor turns: no weather in these')
-    say_unread(report.unread)
-    return INCOMPLETE if report.unread else DONE
+    say_unread(counts.unread)
+    return INCOMPLETE if counts.unread else DONE
 
 
-def _table(points: int, outliers: int, causes: Mapping[Cause, int]) -> Table:
+def _table(causes: Mapping[Cause, int]) -> Table:
     """Lay out what a recording holds."""
     from lidar_outlier_filter.evaluation.report import number_table
 
     table = number_table('', 'points', '')
-    rows = {'all': points, 'outliers': outliers}
+    points = sum(causes.values())
     bad = {cause: count for cause, count in causes.items() if cause and count}
+    rows = {'all': points, 'outliers': sum(bad.values())}
     rows |= {f'  {cause.name.lower().replace("_", " ")}': count for cause, count in bad.items()}
     for name, count in rows.items():
         share = count / points if points else 0.0

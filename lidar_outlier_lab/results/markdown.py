@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation.report import percent
 
 NOTHING = '–'
 COMMAND = 'lidar-outlier-filter results'
@@ -32,6 +34,11 @@ def folded(title: str, text: str) -> str:
 def number(value: float, decimals: int = 3) -> str:
     """Write a number; a dash without one."""
     return NOTHING if math.isnan(value) else f'{value:.{decimals}f}'
+
+
+def share_of(some: Bools) -> str:
+    """Write the share of points that a mask chooses."""
+    return percent(float(some.mean()))
 
 
 def image(name: str, text: str) -> str:

@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import FilterError
@@ -16,40 +15,23 @@ if TYPE_CHECKING:
 
     from lidar_outlier_lab.simulation.world.recording import Cloud
 
+_SURVEY, _FLIGHT = 'papers.surveyed_streets:survey', 'papers.aerial:flight'
+_STREET = 'scenes.spinning_streets:street'
 
-@dataclass(frozen=True)
-class Preset:
-    """A simulation: where the function is that makes its clouds, and a sentence about them."""
-
-    maker: str  # module in simulation/ and function
-    sentence: str
-    is_named: bool = True  # the function makes several presets, and is given the name
-
-
-_SURVEY, _FLIGHT = 'papers.surveyed_streets.survey', 'papers.aerial.flight'
-_STREET = 'scenes.spinning_streets.street'
-
+# Where the function is that makes the clouds, a module in simulation/, and a sentence about them.
 PRESETS = {
-    'leslar-a': Preset(_SURVEY, 'street, wet, cold; 1 098 689 points, 1 % outliers in clumps'),
-    'leslar-b': Preset(_SURVEY, 'street, wet; 295 147 points, 0.30 % scattered, a barrier arm'),
-    'leslar-c': Preset(_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
-    'pirotti-sfm': Preset(
-        'papers.aerial.photogrammetry',
-        '1 002 596 points from images, 2596 shifted',
-        is_named=False,
-    ),
-    'pirotti-fcd': Preset(
-        'papers.bus_tracks.lines', 'positions of two bus lines, 2-D and 3-D', is_named=False
-    ),
-    'sotoodeh-hod': Preset(
-        'papers.sotoodeh_clusters.cloud', '656 points, 84 outliers', is_named=False
-    ),
-    'kang-urban': Preset(_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
-    'kang-mountain': Preset(_FLIGHT, 'mountain flight; 1 000 000 points, 0.024 % errors'),
-    'street-16': Preset(_STREET, '16 rings, rain and spray; 2 % outliers'),
-    'street-32': Preset(_STREET, '32 rings, snow; 3 % outliers'),
-    'street-64': Preset(_STREET, '64 rings, rain; 2.5 % outliers'),
-    'street-128': Preset(_STREET, '128 rings, rain and spray; 2.5 % outliers'),
+    'leslar-a': (_SURVEY, 'street, wet, cold; 1 098 689 points, 1 % outliers in clumps'),
+    'leslar-b': (_SURVEY, 'street, wet; 295 147 points, 0.30 % scattered, a barrier arm'),
+    'leslar-c': (_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
+    'pirotti-sfm': ('papers.aerial:photogrammetry', '1 002 596 points from images, 2596 shifted'),
+    'pirotti-fcd': ('papers.bus_tracks:lines', 'positions of two bus lines, 2-D and 3-D'),
+    'sotoodeh-hod': ('papers.sotoodeh_clusters:cloud', '656 points, 84 outliers'),
+    'kang-urban': (_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
+    'kang-mountain': (_FLIGHT, 'mountain flight; 1 000 000 points, 0.024 % errors'),
+    'street-16': (_STREET, '16 rings, rain and spray; 2 % outliers'),
+    'street-32': (_STREET, '32 rings, snow; 3 % outliers'),
+    'street-64': (_STREET, '64 rings, rain; 2.5 % outliers'),
+    'street-128': (_STREET, '128 rings, rain and spray; 2.5 % outliers'),
 }
 
 
@@ -80,12 +62,8 @@ def make(
         raise FilterError('the seed', 'at least 0', seed)
     if share is not None and not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise FilterError('the share', 'from 0 to 1', share)
-    preset = PRESETS[name]
-    module, _, function = preset.maker.rpartition('.')
-    maker = getattr(import_module(f'{__package__}.{module}'), function)
-    arguments = (name,) if preset.is_named else ()
-    clouds: Iterator[Cloud] = maker(*arguments, seed, share, progress)
-    return clouds
+    maker = resolve_name(f'{__package__}.{PRESETS[name][0]}')
+    return maker(name, seed, share, progress)
 
 
 WEATHER_NAMES = {

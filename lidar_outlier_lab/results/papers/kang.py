@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
+from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, share_of, table
 from lidar_outlier_lab.results.papers.methods import METHODS, NONE_OF_ITS_PRESETS, count
 from lidar_outlier_lab.results.papers.panels import PointPanel, draw, draw_lines, view
 from lidar_outlier_lab.results.papers.published import KANG
@@ -56,13 +56,6 @@ SURFACES = '`quadric` by default: surfaces through sections'
 STRIP = 60.0  # metres of a side view, across
 
 
-class ReadingOutcome(NamedTuple):
-    """One reading of the method on one cloud."""
-
-    rejected: Bools
-    seconds: float
-
-
 def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
     """Judge the two areas in all readings, write it up, and draw figure 4 and the curves over k."""
     areas = [area for area in KANG if area in presets]
@@ -73,13 +66,11 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
         progress(number, 2 * len(areas), f'simulating {area}')
         samples += simulated(area, seed)
     progress(len(areas), 2 * len(areas), 'gross errors')
-    rows, sigmas, views, ranges, surfaces = [], [], [], [], []
-    for sample in samples:
-        rows += _rows(sample)
-        sigmas += _sigmas(sample)
-        views.append(_views(sample))
-        ranges += _ranges(sample)
-        surfaces += _surfaces(sample)
+    rows, sigmas, ranges, surfaces = (
+        [row for sample in samples for row in rows_of(sample)]
+        for rows_of in (_rows, _sigmas, _ranges, _surfaces)
+    )
+    views = [_views(sample) for sample in samples]
     draw(views, folder / 'kang2018_figure_4.png', ('along, m', 'elevation, m'))
     pictures = [_curves(sample, folder) for sample in samples]
     head = (
@@ -91,7 +82,7 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
     )
     return paragraphs(
         f'Seed {seed}. True share of gross errors: '
-        + ', '.join(f'{one.name} {percent(float(one.data.bad.mean()))}' for one in samples)
+        + ', '.join(f'{one.name} {share_of(one.data.bad)}' for one in samples)
         + '.',
         '### Table 1',
         table(head, rows),
@@ -116,35 +107,38 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
     )
 
 
-def judge(xyz: Floats, reading: Reading) -> ReadingOutcome:
-    """Apply one reading."""
-    begin = perf_counter()
-    rejected = detect(xyz, reading.parameters, on_map=reading.on_map) > 1
-    return ReadingOutcome(rejected, perf_counter() - begin)
+def judge(xyz: Floats, reading: Reading) -> Bools:
+    """Return which points one reading rejects."""
+    return detect(xyz, reading.parameters, on_map=reading.on_map) > 1
 
 
 def _rows(sample: Sample) -> list[Sequence[str]]:
-    shares, seconds = KANG[sample.name]
+    shares, theirs = KANG[sample.name]
     rows: list[Sequence[str]] = [
         (
             f'**{sample.name}**: paper',
             *map(percent, shares),
-            *(f'{one} s' for one in seconds),
+            *(f'{one} s' for one in theirs),
             NOTHING,
             NOTHING,
         )
     ]
     (xyz,) = sample.clouds
     for name, reading in READINGS.items():
-        found = [judge(xyz, reading.of(k)) for k in TABLE]
-        rejected, bad = found[0].rejected, sample.data.bad
+        begin = perf_counter()
+        found: list[Bools] = []
+        seconds: list[float] = []
+        for k in TABLE:
+            found.append(judge(xyz, reading.of(k)))
+            seconds.append(perf_counter() - begin - sum(seconds))
+        bad = sample.data.bad
         rows.append(
             (
                 name,
-                *(percent(float(one.rejected.mean())) for one in found),
-                *(f'{one.seconds:.1f} s' for one in found),
-                percent(float(rejected[bad].mean())),
-                percent(float(rejected[~bad].mean())),
+                *map(share_of, found),
+                *(f'{one:.1f} s' for one in seconds),
+                share_of(found[0][bad]),
+                share_of(found[0][~bad]),
             )
         )
     return rows
@@ -174,8 +168,8 @@ def _ranges(sample: Sample) -> list[Sequence[str]]:
     kept = {
         'before': np.ones(len(z), np.bool_),
         'after the histogram': (z >= low) & (z <= high),
-        **{f'as published, k = {k}': ~judge(xyz, published.of(k)).rejected for k in TABLE},
-        'x and y, both sides, histogram, k = 30': ~judge(xyz, READINGS[OURS]).rejected,
+        **{f'as published, k = {k}': ~judge(xyz, published.of(k)) for k in TABLE},
+        'x and y, both sides, histogram, k = 30': ~judge(xyz, READINGS[OURS]),
         'good points alone': ~sample.data.bad,
     }
     return [
@@ -204,19 +198,12 @@ def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
     series: dict[str, list[float]] = {}
     rows = []
     for name in DRAWN:
-        found = [judge(xyz, READINGS[name].of(k)).rejected for k in CURVE]
+        found = [judge(xyz, READINGS[name].of(k)) for k in CURVE]
         series[name.replace('`', '')] = [float(100 * one.mean()) for one in found]
-        rows.append((f'{name}: eliminated', *(percent(float(one.mean())) for one in found)))
-        rows.append((f'{name}: found', *(percent(float(one[bad].mean())) for one in found)))
+        rows.append((f'{name}: eliminated', *map(share_of, found)))
+        rows.append((f'{name}: found', *(share_of(one[bad]) for one in found)))
     stem = f'kang2018_k_{sample.name.removeprefix("kang-")}'
-    draw_lines(
-        series,
-        CURVE,
-        folder / stem,
-        x_label='k, neighbours',
-        y_label='share eliminated, %',
-        from_zero=True,
-    )
+    draw_lines(series, CURVE, folder / stem, 'share eliminated, %', from_zero=True)
     return f'{stem}.png', table((sample.name, *(f'k = {k}' for k in CURVE)), rows)
 
 
@@ -225,7 +212,7 @@ def _views(sample: Sample) -> list[PointPanel]:
     middle = float(np.median(xyz[:, 1]))
     strip = np.abs(xyz[:, 1] - middle) < STRIP / 2
     flat, bad = xyz[strip][:, [0, 2]], sample.data.bad[strip]
-    after = {name: judge(xyz, READINGS[name]).rejected[strip] for name in (AS_PUBLISHED, OURS)}
+    after = {name: judge(xyz, READINGS[name])[strip] for name in (AS_PUBLISHED, OURS)}
     return [
         view(f'{sample.name}: before', flat, bad, np.ones(len(bad), np.bool_)),
         *(

@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Kind
-from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
+from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, share_of, table
 from lidar_outlier_lab.results.papers import panels
 from lidar_outlier_lab.results.papers.methods import (
     CLASSIC,
@@ -38,16 +38,15 @@ TITLES = {
     'ab': 'Table 5: (a), then (b)',
 }
 SIGMAS = (0.03, 0.05, 0.1, 0.15, 0.17, 0.2, 0.25)  # metres
-QUADRICS: Mapping[str, Mapping[str, object]] = {
-    'σ of a residual at least 5 mm': {'quadric.sigma_floor': 0.005},
-}
 FORMS: Mapping[str, Mapping[str, object]] = {
     **{key: METHODS[f'leslar2010_{key}'] for key in TITLES},
     **{f'(a), σ = {sigma} m': {**SMOOTHER, 'alpha_beta_gamma.sigma': sigma} for sigma in SIGMAS},
     '(a), σ of each line': SMOOTHER,
     **{
-        f'({key}), {name}': {**METHODS[f'leslar2010_{key}'], **values}
-        for name, values in QUADRICS.items()
+        f'({key}), σ of a residual at least 5 mm': {
+            **METHODS[f'leslar2010_{key}'],
+            'quadric.sigma_floor': 0.005,
+        }
         for key in 'bc'
     },
     '(c), at most the model that is needed': {
@@ -133,9 +132,7 @@ def _every_form(found: Table, letters: Sequence[str]) -> str:
     head = ['', *(f'{letter}: {one}' for letter in letters for one in what), 'million points/s']
     rows = []
     for name, counted in found.items():
-        label = f'**({name[0]})**' if name in TITLES else name
-        label = '**(a), then (b)**' if name == 'ab' else label
-        cells = [label]
+        cells = [f'**{SHORT_TITLES[name]}**' if name in SHORT_TITLES else name]
         for one in counted:
             whole = one.whole
             cells += [percent(whole.recall.ratio), percent(whole.share('alpha_error').ratio)]
@@ -154,13 +151,6 @@ def _every_form(found: Table, letters: Sequence[str]) -> str:
     return table(head, rows)
 
 
-class Asphalt(NamedTuple):
-    """A flat strip with single outliers."""
-
-    xyz: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
-    bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-
-
 SIDE, STEP, EVERY, HEIGHT = 150, 0.05, 14, 0.1  # points, metres, points, metres
 NOISES = (0.003, 0.005, 0.008)  # metres
 ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
@@ -171,33 +161,30 @@ ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def asphalt(noise: float) -> Asphalt:
+def asphalt(noise: float) -> tuple[Floats, Bools]:
     """Scan a flat strip, with an outlier of ``HEIGHT`` in the middle of every ``EVERY`` points."""
     rng = np.random.default_rng(1)
     cell = np.mgrid[:SIDE, :SIDE].reshape(2, -1)
     xy = STEP * (cell + rng.uniform(-0.2, 0.2, cell.shape))
     bad = (cell % EVERY == EVERY // 2).all(axis=0)
     z = rng.normal(0.0, noise, SIDE * SIDE) + HEIGHT * bad
-    return Asphalt(np.stack([*xy, z], axis=1), bad)
+    return np.stack([*xy, z], axis=1), bad
 
 
 def _asphalt() -> str:
     """Say what single outliers do to a surface that may bend, patch by patch."""
     rows = []
     for noise in NOISES:
-        strip = asphalt(noise)
+        xyz, bad = asphalt(noise)
         for name, changed in ASPHALT_FORMS.items():
             cells = [f'{1000 * noise:.0f} mm', name]
             for window in ('patch', 'section'):
                 parameters = replace(
                     Quadric(window=window, surfaces=1, significance=0.001), **changed
                 )
-                near = Neighbourhood(strip.xyz, parameters.list_length)
+                near = Neighbourhood(xyz, parameters.list_length)
                 rejected = quadric.detect(near, parameters) > 1
-                cells += [
-                    percent(float(rejected[strip.bad].mean())),
-                    percent(float(rejected[~strip.bad].mean())),
-                ]
+                cells += [share_of(rejected[bad]), share_of(rejected[~bad])]
             rows.append(cells)
     return paragraphs(
         f'A flat strip with a point every {100 * STEP:.0f} cm, and single outliers '
@@ -220,8 +207,7 @@ class Strip(NamedTuple):
 
     Attributes
     ----------
-    flat : (M, 2) float64
-        Along the street and up, metres.
+    flat : (M, 2) along the street and up, metres
     bad : (M,) bool
     rejected : verdicts (M,) by method
 

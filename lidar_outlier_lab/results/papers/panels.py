@@ -140,23 +140,22 @@ def draw_images(images: Sequence[GreyImage], path: Path) -> None:
     save(canvas, path, COLOURS)
 
 
-def draw_lines(  # noqa: PLR0913  all that a plain picture needs
+def draw_lines(
     series: Mapping[str, Sequence[float]],
-    x: Sequence[float],
+    counts: Sequence[int],
     path: Path,
+    label: str,
     *,
-    x_label: str,
-    y_label: str,
     from_zero: bool = False,
 ) -> None:
-    """Draw figures against a parameter, such as the area under the ROC curve against k.
+    """Draw figures against k, such as the area under the ROC curve.
 
     Parameters
     ----------
-    series : values at each x, by the name that the legend gives them; NaN leaves a gap
-    x : ascending
+    series : values at each k, by the name that the legend gives them; NaN leaves a gap
+    counts : of neighbours, ascending
     path : without suffix
-    x_label, y_label : with units
+    label : of the figures, with units
     from_zero : let both axes begin at 0
 
     """
@@ -164,8 +163,8 @@ def draw_lines(  # noqa: PLR0913  all that a plain picture needs
     figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, values) in enumerate(series.items()):
-        axes.plot(x, values, label=name, marker='o', markersize=4, **plots.style_of(number))
-    plots.dress(axes, x_label, y_label)
+        axes.plot(counts, values, label=name, marker='o', markersize=4, **plots.style_of(number))
+    plots.dress(axes, 'k, neighbours', label)
     if from_zero:
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of the neighbourhood, judged as by Pirotti et al. (2018): by their ROC curves."""
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -93,24 +94,22 @@ def explore(
     """Compute all statistics of every point, and the ROC curve of each."""
     bad = code != Cause.GOOD
     near = Neighbourhood(xyz, max(neighbours))
-    found = Found({}, {}, {}, {}, {}, {})
+    parts: list[Any] = [*(defaultdict(list) for _ in range(5)), defaultdict(dict)]
+    found = Found(*parts)
     many, one = code == clustered, code == Cause.SINGLE
     for k in neighbours:
         values = measure(near, k)
         for name in ('SOR', 'LOF'):
-            found.median.setdefault(name, []).append(float(np.median(values[name])))
+            found.median[name].append(float(np.median(values[name])))
         for name, score in values.items():
             roc = curve(bad, score)
-            found.best_of.setdefault(name, []).append(_at_best(roc, bad, score, one, many))
+            found.auc[name].append(roc.auc)
+            found.best_of[name].append(_at_best(roc, bad, score, one, many))
             close = float(np.quantile(score[~bad], 1 - CLOSE))
-            for into, value in (
-                (found.auc, roc.auc),
-                (found.clustered, float(np.mean(score[many] > close))),
-                (found.single, float(np.mean(score[one] > close))),
-            ):
-                into.setdefault(name, []).append(value)
+            found.clustered[name].append(float(np.mean(score[many] > close)))
+            found.single[name].append(float(np.mean(score[one] > close)))
             if k in SHOWN:
-                found.curves.setdefault(name, {})[k] = roc
+                found.curves[name][k] = roc
     return found
 
 

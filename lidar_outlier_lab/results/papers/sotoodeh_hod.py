@@ -8,17 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats, Ints, Progress
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints, Progress
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
-from lidar_outlier_filter.core.detectors.hierarchical import (
-    components,
-    limit,
-    spanning_tree,
-)
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
@@ -71,16 +65,8 @@ def _counts(seeds: Iterable[int], phase: int, *, cluttered: bool) -> tuple[float
         scene = sotoodeh_clusters.simulate(seed, cluttered=cluttered)
         outcome = hierarchical.detect(scene.xyz, PAPER)
         seen = (outcome.phase == 0) | (outcome.phase >= phase)
-        rejected = outcome.phase[seen] == phase
-        bad = scene.outlier[seen]
-        rows.append(
-            (
-                np.sum(~bad & ~rejected),
-                np.sum(~bad & rejected),
-                np.sum(bad & ~rejected),
-                np.sum(bad & rejected),
-            )
-        )
+        one = confusion(scene.outlier[seen], outcome.phase[seen] == phase)
+        rows.append((one.kept, one.lost, one.missed, one.found))
     return tuple(map(float, np.mean(rows, axis=0)))
 
 
@@ -93,7 +79,7 @@ def _least(seeds: Iterable[int]) -> str:
         counts = [
             confusion(one.outlier, hierarchical.detect(one.xyz, how).phase > 0) for one in scenes
         ]
-        means = (np.mean([(one.lost, one.missed, one.found) for one in counts], axis=0)).tolist()
+        means = np.mean([(one.lost, one.missed, one.found) for one in counts], axis=0).tolist()
         rows.append((f'{least} points', *(f'{mean:.1f}' for mean in means)))
     return table(('least cluster', 'inliers lost', 'outliers left', 'outliers found'), rows)
 
@@ -166,12 +152,10 @@ class Course(NamedTuple):
 
     Attributes
     ----------
-    tree, pruned_tree : (E, 2) int64
-        The spanning tree, and what is left of it.
-    graph, pruned_graph : (E, 2) int64
-        The Gabriel graphs of the clusters of phase 1 that are large enough, likewise.
-    phase : (N,) uint8
-        The phase that rejected the point; 0: none.
+    tree, pruned_tree : (E, 2) int64, the spanning tree, and what is left of it
+    graph, pruned_graph : (E, 2) int64, the Gabriel graphs of the clusters of phase 1 that are large
+        enough, likewise
+    phase : (N,) uint8, the phase that rejected the point; 0: none
 
     """
 
@@ -179,16 +163,16 @@ class Course(NamedTuple):
     pruned_tree: Ints
     graph: Ints
     pruned_graph: Ints
-    phase: NDArray[np.uint8]
+    phase: Bytes
 
 
 def course(xyz: Floats, parameters: Hierarchical) -> Course:
     """Go through the steps, to draw them; no two points may coincide."""
     phase = hierarchical.detect(xyz, parameters).phase
     neighbourhood = Neighbourhood(xyz, 1)
-    tree = spanning_tree(gabriel_graph(neighbourhood), len(xyz))
-    kept = tree.length <= limit(tree.length, parameters.global_confidence)
-    label = components(len(xyz), tree, kept)
+    tree = hierarchical.spanning_tree(gabriel_graph(neighbourhood), len(xyz))
+    kept = tree.length <= hierarchical.limit(tree.length, parameters.global_confidence)
+    label = hierarchical.components(len(xyz), tree, kept)
     graphs, pruned = [], []
     for cluster in np.flatnonzero(np.bincount(label) >= parameters.min_cluster):
         members = neighbourhood.order[label == cluster]
@@ -196,7 +180,8 @@ def course(xyz: Floats, parameters: Hierarchical) -> Course:
         graph = gabriel_graph(inside)
         ends = members[inside.order[graph.ends]]
         graphs.append(ends)
-        pruned.append(ends[graph.length <= limit(graph.length, parameters.local_confidence)])
+        longest = hierarchical.limit(graph.length, parameters.local_confidence)
+        pruned.append(ends[graph.length <= longest])
     ends = neighbourhood.order[tree.ends]
     empty = np.empty((0, 2), np.int64)
     return Course(
@@ -235,5 +220,4 @@ def _project(xyz: Floats) -> Floats:
     right = np.array([np.cos(AZIMUTH), -np.sin(AZIMUTH), 0.0])
     forward = np.array([np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     up = np.array([0.0, 0.0, np.cos(ELEVATION)]) + np.sin(ELEVATION) * forward
-    flat: Floats = xyz @ np.stack([right, up], axis=1)
-    return flat
+    return xyz @ np.stack([right, up], axis=1)

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
+from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, share_of, table
 from lidar_outlier_lab.results.papers import published
 from lidar_outlier_lab.results.papers.panels import GreyImage, Layer, PointPanel, draw, draw_images
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
@@ -151,11 +151,11 @@ def _figure_3(city: surface_truth.City, factor: Floats, folder: Path) -> None:
     rejected = factor > FACTOR
     verdict = np.where(rejected, np.where(city.bad, 2, 1), np.where(city.bad, 3, 0))
     flat, classes = city.xyz[:, :2], np.searchsorted(steps, city.residual)
-    rows = [
+    row = [
         _classes('residuals', flat, classes, RESIDUALS),
         _classes(f'LOF above {FACTOR}, MinPts 20', flat, verdict, VERDICTS),
     ]
-    draw([rows], folder / 'sotoodeh2006_figure_3.png', ('x, m', 'y, m'), row=7.0)
+    draw([row], folder / 'sotoodeh2006_figure_3.png', ('x, m', 'y, m'), row=7.0)
 
 
 def _classes(title: str, flat: Floats, code: Ints, names: Mapping[str, str]) -> PointPanel:
@@ -172,28 +172,14 @@ def _figure_4(seed: int, folder: Path) -> str:
     found = _factors(scan.xyz, (10, 20))
     bright = np.log(scan.points['intensity'].astype(np.float64))
     low, high = np.percentile(bright, [1, 99])
-    draw_images(
-        [
-            GreyImage('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
-            *(
-                GreyImage(
-                    f'LOF, MinPts {k}: 1 black, {MAP_HIGH} white',
-                    scan.image(values)[:, FRONT],
-                    1.0,
-                    MAP_HIGH,
-                )
-                for k, values in found.items()
-            ),
-        ],
-        folder / 'sotoodeh2006_figure_4.png',
-    )
+    images = [GreyImage('intensity', scan.image(bright)[:, FRONT], float(low), float(high))]
+    for k, values in found.items():
+        title = f'LOF, MinPts {k}: 1 black, {MAP_HIGH} white'
+        images.append(GreyImage(title, scan.image(values)[:, FRONT], 1.0, MAP_HIGH))
+    draw_images(images, folder / 'sotoodeh2006_figure_4.png')
     mixed = scan.points['label'] == Cause.MIXED
     rows = [
-        (
-            f'MinPts {k}',
-            percent(float(np.mean(values[mixed] > FACTOR))),
-            percent(float(np.mean(values[~mixed] > FACTOR))),
-        )
+        (f'MinPts {k}', share_of(values[mixed] > FACTOR), share_of(values[~mixed] > FACTOR))
         for k, values in found.items()
     ]
     head = (f'above {FACTOR} in the room', 'points between two surfaces', 'all others')
@@ -208,7 +194,5 @@ def _figure_5(seed: int, folder: Path) -> None:
     low, high = np.percentile(distance, [1, 99])
     shade = 0.15 + 0.5 * (1.0 - np.clip((distance - low) / (high - low), 0.0, 1.0))
     shown = np.where(values > FACTOR, 1.0, shade)
-    draw_images(
-        [GreyImage('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
-        folder / 'sotoodeh2006_figure_5.png',
-    )
+    street = GreyImage('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)
+    draw_images([street], folder / 'sotoodeh2006_figure_5.png')

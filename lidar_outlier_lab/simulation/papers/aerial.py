@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
-from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
+from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, TopView, build, hills
 from lidar_outlier_lab.simulation.world.recording import START, Cloud
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
 
@@ -49,7 +48,11 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def photogrammetry(
-    seed: int, share: float | None, progress: Callable[[float], object], law: Law = uniform
+    _name: str,
+    seed: int,
+    share: float | None,
+    progress: Callable[[float], object],
+    law: Law = uniform,
 ) -> Iterator[Cloud]:
     """Simulate Pirotti's cloud: a wood with a clearing, meadows, a few houses, points moved off.
 
@@ -69,25 +72,33 @@ def photogrammetry(
     yield Cloud(START, START, points)
 
 
-def _match(total: int, rng: np.random.Generator) -> NDArray[np.void]:
-    """See a landscape from above, in a grid that is not quite even."""
+def look_down(  # noqa: PLR0913  what country is like
+    total: int,
+    step: float,
+    margin: float,
+    cell: float,
+    steep: float,
+    plants: Plants,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats, TopView]:
+    """See a landscape from above, in a grid that is not quite even: x and y (N,), and a view."""
     rows = int(np.ceil(np.sqrt(total)))
-    step = 1.0 / np.sqrt(DENSITY)
-    size = (rows * step + CELL, rows * step + CELL)
-    ground = hills(size, CELL / 2.0, 0.06, rng)
+    size = (rows * step + margin, rows * step + margin)
+    land = build(hills(size, cell, steep, rng), cell, plants, rng)
+    cells = np.divmod(np.arange(total), rows)
+    x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in cells)
+    return x, y, land.view(x, y)
+
+
+def _match(total: int, rng: np.random.Generator) -> Rows:
     plants = Plants(5, 1400, tall=(8.0, 24.0), wide=(1.6, 3.2), pointed=0.9, clearing=45.0)
-    land = build(ground, CELL / 2.0, plants, rng)
-    position = np.arange(rows * rows)[:total]
-    x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in np.divmod(position, rows))
-    view = land.view(x, y)
+    x, y, view = look_down(total, 1.0 / np.sqrt(DENSITY), CELL, CELL / 2.0, 0.06, plants, rng)
     rough = np.where(view.kind == Kind.FOLIAGE, ROUGH, MATCHING)
     height = view.height + rough * rng.standard_normal(total)
     return _points(MATCHED, np.stack([x, y, height]), view.kind, rng)
 
 
-def _points(
-    dtype: np.dtype[np.void], xyz: Floats, kind: NDArray[np.uint8], rng: np.random.Generator
-) -> NDArray[np.void]:
+def _points(dtype: np.dtype[np.void], xyz: Floats, kind: Bytes, rng: np.random.Generator) -> Rows:
     """Make good points at (3, N) on surfaces of so many kinds."""
     points = np.zeros(xyz.shape[1], dtype)
     for axis, name in enumerate('xyz'):
@@ -99,7 +110,7 @@ def _points(
     return points
 
 
-def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator, law: Law) -> None:
+def _move_off(points: Rows, outliers: int, rng: np.random.Generator, law: Law) -> None:
     """Choose points by lot and move them off the surface, alone or in clusters."""
     chosen = rng.permutation(len(points))[:outliers]
     xyz = np.stack([points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
@@ -117,10 +128,7 @@ def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator,
         left -= size
     for name, values in zip('xyz', np.reshape(moved, (-1, 3)).T, strict=True):
         points[name][chosen] = values
-    points['label'][chosen[:singles]], points['label'][chosen[singles:]] = (
-        Cause.SINGLE,
-        Cause.CLUSTER,
-    )
+    points['label'][chosen] = np.where(np.arange(outliers) < singles, Cause.SINGLE, Cause.CLUSTER)
     points['surface'][chosen] = Kind.AIR
 
 
@@ -150,16 +158,11 @@ class Flight:
 
     Attributes
     ----------
-    lines, shots : int
-        Scan lines and shots of each.
-    spacing : float
-        Metres from line to line.
-    height : float
-        Of the aircraft above the ground's middle, metres.
-    steep : float
-        Of the hills: see :func:`.hills`.
-    outliers : int
-        Gross errors.
+    lines, shots : scan lines and shots of each
+    spacing : metres from line to line
+    height : of the aircraft above the ground's middle, metres
+    steep : of the hills: see :func:`.hills`
+    outliers : gross errors
 
     """
 
@@ -200,8 +203,7 @@ def flight(
     origin, direction, distance, kind, _ = fly(how, rng)
     progress(0.8)
     distance += RANGING * rng.standard_normal(total)
-    label = np.full(total, Cause.GOOD, np.uint8)
-    _miss(distance, direction[2], label, outliers, rng)
+    label = _miss(distance, direction[2], outliers, rng)
     points = _points(SCANNED, origin + distance * direction, kind, rng)
     points['label'] = label
     points['surface'][label != Cause.GOOD] = Kind.AIR
@@ -218,7 +220,7 @@ class Flown(NamedTuple):
     origin: Floats
     direction: Floats
     distance: Floats
-    kind: NDArray[np.uint8]
+    kind: Bytes
     land: Landscape
 
 
@@ -246,14 +248,9 @@ def _beams(how: Flight) -> tuple[Floats, Floats, tuple[float, float]]:
     return origin, direction, size
 
 
-def _miss(
-    distance: Floats,
-    fall: Floats,
-    label: NDArray[np.uint8],
-    outliers: int,
-    rng: np.random.Generator,
-) -> None:
-    """Let some shots end at something in the air, and some come back late from below the ground."""
+def _miss(distance: Floats, fall: Floats, outliers: int, rng: np.random.Generator) -> Bytes:
+    """Let some shots end in the air, and some come back late from below the ground; give causes."""
+    label = np.full(len(distance), Cause.GOOD, np.uint8)
     chosen = np.zeros(0, np.int64)
     while len(chosen) < outliers:
         first, count = rng.integers(len(distance) - FLOCK), rng.integers(1, FLOCK + 1)
@@ -266,3 +263,4 @@ def _miss(
         off = np.exp(rng.uniform(low, high)) + rng.normal(0.0, 0.2, len(group))
         distance[group] += np.where(is_high, off, -off) / fall[group]
         label[group] = Cause.BIRD if is_high else Cause.REFLECTION
+    return label

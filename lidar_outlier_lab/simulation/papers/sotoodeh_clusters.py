@@ -35,10 +35,8 @@ class LabelledClusters(NamedTuple):
 
     Attributes
     ----------
-    xyz : (656, 3) float64
-        Metres, y away from the scanner, z up.
-    outlier : (656,) bool
-        Whether the point is on no surface.
+    xyz : (656, 3) metres, y away from the scanner, z up
+    outlier : (656,) bool, whether the point is on no surface
 
     """
 
@@ -112,7 +110,9 @@ def _scatter(
 SINGLES = STRAY + NEAR_STRAY  # the first of the outliers
 
 
-def cloud(seed: int, share: float | None, progress: Callable[[float], object]) -> Iterator[Cloud]:
+def cloud(
+    _name: str, seed: int, share: float | None, progress: Callable[[float], object]
+) -> Iterator[Cloud]:
     """Simulate Sotoodeh's cloud, all of one instant (t = 0); its share of outliers is fixed."""
     if share is not None:
         raise FilterError('the share', 'left as it is in this preset', share)

@@ -10,11 +10,10 @@ so most of these points are leaves and branches below the crowns, and walls.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants
 
@@ -36,12 +35,9 @@ class City(NamedTuple):
     Attributes
     ----------
     xyz : (N, 3) float64
-    residual : (N,) float64
-        Distance from the surface model, metres.
-    limit : float
-        Points farther than this are outliers, metres.
-    checks : (128,) float64
-        Heights of positions chosen by lot over the surface model, metres.
+    residual : (N,) distance from the surface model, metres
+    limit : points farther than this are outliers, metres
+    checks : (128,) heights of positions chosen by lot over the surface model, metres
 
     """
 
@@ -51,7 +47,7 @@ class City(NamedTuple):
     checks: Floats
 
     @property
-    def bad(self) -> NDArray[np.bool_]:
+    def bad(self) -> Bools:
         """His outliers (N,)."""
         return self.residual > self.limit
 
@@ -89,9 +85,8 @@ def distances(xyz: Floats, height: Floats, grid: float) -> Floats:
     Two triangles in every square. They are sampled, so that a distance is too large by at most
     ``FINE`` ÷ √2, and that only close to the surface; steep squares are sampled along the height.
     """
-    rise = np.maximum.reduce(
-        [height[1:, :-1], height[:-1, 1:], height[1:, 1:], height[:-1, :-1]]
-    ) - np.minimum.reduce([height[1:, :-1], height[:-1, 1:], height[1:, 1:], height[:-1, :-1]])
+    corners = [height[1:, :-1], height[:-1, 1:], height[1:, 1:], height[:-1, :-1]]
+    rise = np.maximum.reduce(corners) - np.minimum.reduce(corners)
     parts = np.ceil(np.hypot(grid, rise) / FINE).astype(np.int64)
     samples = []
     for count in np.unique(parts):
@@ -99,16 +94,13 @@ def distances(xyz: Floats, height: Floats, grid: float) -> Floats:
         u, v = np.meshgrid(*(2 * [np.arange(count + 1) / count]), indexing='ij')
         u, v = u.ravel()[None], v.ravel()[None]
         z = _on_triangles(height, i[:, None], j[:, None], u, v)
-        samples.append(
-            np.stack([(i[:, None] + u) * grid, (j[:, None] + v) * grid, z], axis=2).reshape(-1, 3)
-        )
-    found: Floats = cKDTree(np.concatenate(samples)).query(xyz)[0]
-    return found
+        xyz_of = [(i[:, None] + u) * grid, (j[:, None] + v) * grid, z]
+        samples.append(np.stack(xyz_of, axis=2).reshape(-1, 3))
+    return cKDTree(np.concatenate(samples)).query(xyz)[0]
 
 
 def _on_triangles(height: Floats, i: Ints, j: Ints, u: Floats, v: Floats) -> Floats:
     """Return the heights at (u, v), 0 to 1, of squares (i, j)."""
     a, b, c, d = height[i, j], height[i + 1, j + 1], height[i + 1, j], height[i, j + 1]
     # Of the two triangles below and above the diagonal from (0, 0) to (1, 1).
-    z: Floats = np.where(u >= v, a + u * (c - a) + v * (b - c), a + v * (d - a) + u * (b - d))
-    return z
+    return np.where(u >= v, a + u * (c - a) + v * (b - c), a + v * (d - a) + u * (b - d))

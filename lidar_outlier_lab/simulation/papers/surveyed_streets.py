@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
-from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
+from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, exactly, gather
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import Cloud, messages
 from lidar_outlier_lab.simulation.world.scene import Scene
@@ -79,8 +78,8 @@ def survey(
     how = SURVEYS[name]
     drive = plan(how, seed)
     outliers = how.outliers if share is None else round(share * how.points)
-    block = choose.gather(drive, how.points, progress)
-    returns = choose.exactly(block, how.points, outliers)
+    block = gather(drive, how.points, progress)
+    returns = exactly(block, how.points, outliers)
     return messages(drive, [(int(returns.shot[-1]) + 1, returns)])
 
 

@@ -7,20 +7,19 @@ surfaces are where a beam meets both: at the boundaries of occlusions.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Floats, Ints, Rows
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
-from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, simulate
+from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, join, simulate
 from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.scene import Air, Scene
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 from lidar_outlier_lab.simulation.world.surfaces import Surface, box, ground, tube
+from lidar_outlier_lab.simulation.world.trajectory import Route
 
 NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)
 DARK, BRIGHT = 0.08, 0.7  # reflectances
@@ -31,17 +30,15 @@ class RangeImage(NamedTuple):
 
     Attributes
     ----------
-    points : (N,) structured
-        x, y, z (metres), intensity, label and surface.
-    row, column : (N,) int64
-        Index of each point in the image; row 0 is the highest.
+    points : (N,) x, y, z (metres), intensity, label and surface
+    row, column : (N,) int64, index of each point in the image; row 0 is the highest
     shape : (rows, columns)
 
     """
 
-    points: NDArray[np.void]
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
+    points: Rows
+    row: Ints
+    column: Ints
     shape: tuple[int, int]
 
     @property
@@ -56,22 +53,6 @@ class RangeImage(NamedTuple):
         return pixels
 
 
-@dataclass(frozen=True)
-class Tripod:
-    """A scanner that stands still, at x, y and z, metres."""
-
-    at: tuple[float, float, float]
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def position(self, t: Floats) -> Floats:
-        """Position of the scanner (3, N), metres."""
-        return np.tile(np.array(self.at)[:, None], len(t))
-
-    def rotation(self, t: Floats) -> Floats:
-        """Rotation (3, 3, N): none."""
-        return np.tile(np.eye(3)[:, :, None], len(t))
-
-
 def scan(
     surfaces: Sequence[Surface],
     position: tuple[float, float, float],
@@ -81,6 +62,8 @@ def scan(
 ) -> RangeImage:
     """Scan a scene from a position, all around and 30° up and down."""
     rows, columns = shape
+    x, y, z = position
+    stands = Route(((0.0, 0.0, 0.0),), (x, y, 0.0), bump=0.0, tremble=0.0, mount=(0.0, 0.0, z))
     sensor = SpinningScanner(
         elevation=tuple(np.radians(np.linspace(30.0, -30.0, rows))),
         columns=columns,
@@ -97,13 +80,11 @@ def scan(
         Scene(tuple(surfaces), air),
         lines=1,
         sensor=sensor,
-        trajectory=Tripod(position),
+        trajectory=stands,
         disturbances=NOTHING_ELSE,
         seed=seed,
     )
-    parts = [returns for _, returns in simulate(drive)]
-    shot = np.concatenate([part.shot for part in parts])
-    points = np.concatenate([part.points for part in parts])
+    shot, points = join([returns for _, returns in simulate(drive)])
     return RangeImage(points, shot % rows, shot // rows, shape)
 
 
@@ -122,20 +103,18 @@ def room(seed: int, rows: int = 240, columns: int = 1440) -> RangeImage:
     ]
     for side in (-0.7, 0.5):
         turn = rng.uniform(-0.1, 0.1)
-        surfaces.append(
-            box((1.7 + turn, side, 0.85), (1.76 + turn, side + 0.5, 1.2), Kind.SIGN, 0.3)
-        )
-        surfaces.append(tube((1.73, side + 0.25, 0.7), (1.73, side + 0.25, 0.9), 0.03, Kind.POLE))
+        surfaces += [
+            box((1.7 + turn, side, 0.85), (1.76 + turn, side + 0.5, 1.2), Kind.SIGN, 0.3),
+            tube((1.73, side + 0.25, 0.7), (1.73, side + 0.25, 0.9), 0.03, Kind.POLE),
+        ]
     legs = [(1.35, -1.2), (1.35, 1.2), (2.0, -1.2), (2.0, 1.2)]
     for middle in (-1.9, 1.7):
-        seat = (0.9 + rng.uniform(-0.1, 0.1), middle)
-        surfaces.append(
-            box((seat[0], middle, 0.44), (seat[0] + 0.42, middle + 0.42, 0.47), Kind.SIGN, 0.4)
-        )
-        surfaces.append(
-            box((seat[0], middle, 0.55), (seat[0] + 0.03, middle + 0.42, 0.95), Kind.SIGN, 0.4)
-        )
-        legs += [(seat[0] + a, middle + b) for a in (0.03, 0.39) for b in (0.03, 0.39)]
+        x, y = 0.9 + rng.uniform(-0.1, 0.1), middle
+        surfaces += [
+            box((x, y, 0.44), (x + 0.42, y + 0.42, 0.47), Kind.SIGN, 0.4),
+            box((x, y, 0.55), (x + 0.03, y + 0.42, 0.95), Kind.SIGN, 0.4),
+        ]
+        legs += [(x + a, y + b) for a in (0.03, 0.39) for b in (0.03, 0.39)]
     surfaces += [tube((a, b, 0.0), (a, b, 0.46), 0.015, Kind.POLE, BRIGHT) for a, b in legs]
     return scan(surfaces, (-1.2, 0.0, 1.3), (rows, columns), seed)
 

@@ -63,20 +63,13 @@ def street() -> Scene:
 def _sidewalk(side: float) -> list[Surface]:
     kerb, edge, back = side * HALF_ROAD, side * (HALF_ROAD + KERB_WIDTH), side * 30.0
     return [
-        box(
-            (START, min(kerb, edge), -0.5),
-            (END, max(kerb, edge), KERB),
-            Kind.KERB,
-            0.35,
-        ),
-        box((START, min(edge, back), -0.5), (END, max(edge, back), KERB), Kind.SIDEWALK, 0.3),
+        box((START, kerb, -0.5), (END, edge, KERB), Kind.KERB, 0.35),
+        box((START, edge, -0.5), (END, back, KERB), Kind.SIDEWALK, 0.3),
     ]
 
 
 def _building(side: float, start: float, end: float, height: float) -> Surface:
-    front, back = side * FRONT, side * BACK
-    low, high = min(front, back), max(front, back)
-    return building((start, low, 0.0), (end, high, height), reflectance=0.45)
+    return building((start, side * FRONT, 0.0), (end, side * BACK, height), reflectance=0.45)
 
 
 def _car(x: float, y: float) -> list[Surface]:

@@ -46,7 +46,6 @@ class Town:
     kerb: float = 0.12
     crossing: tuple[float, float] | None = None
     trees: bool = True
-    seed: int = 0
     things: tuple[Surface, ...] = field(default=())
 
 
@@ -84,13 +83,13 @@ def _block(
         stop = min(x + rng.uniform(8.0, 30.0), end)
         # Here and there a kerb is lowered for an entrance.
         height = LOWERED if rng.random() < ENTRANCES else town.kerb
-        yield box(*_sorted((x, near, -0.5), (stop, rim, height)), Kind.KERB, 0.35)
+        yield box((x, near, -0.5), (stop, rim, height), Kind.KERB, 0.35)
         x = stop
     inner = (start + KERB_WIDTH, end - KERB_WIDTH)
     for low, high in ((start, inner[0]), (inner[1], end)):
-        yield box(*_sorted((low, rim, -0.5), (high, far, town.kerb)), Kind.KERB, 0.35)
-    corners = _sorted((inner[0], rim, -0.5), (inner[1], far, town.kerb))
-    yield box(*corners, Kind.SIDEWALK, 0.3)
+        yield box((low, rim, -0.5), (high, far, town.kerb), Kind.KERB, 0.35)
+    pavement = (inner[0], rim, -0.5), (inner[1], far, town.kerb)
+    yield box(*pavement, Kind.SIDEWALK, 0.3)
     yield from _houses(town, side, start + 3.0, end - 3.0, rng)
 
 
@@ -103,9 +102,9 @@ def _houses(
         stop = min(x + rng.uniform(10.0, 24.0), end)
         front = side * (town.half_road + rng.uniform(2.6, 4.5))
         back = side * (town.half_road + DEEP - 2.0)
-        corners = _sorted((x, front, 0.0), (stop, back, rng.uniform(7.0, 16.0)))
         yield building(
-            *corners,
+            (x, front, 0.0),
+            (stop, back, rng.uniform(7.0, 16.0)),
             pane=Kind.GLASS,
             reflectance=rng.uniform(0.25, 0.6),
             pitch=rng.uniform(2.2, 3.8),
@@ -118,7 +117,7 @@ def _houses(
         if rng.random() < SHOPS and stop - x > WIDE:
             left = x + rng.uniform(1.0, 3.0)
             shop = ((left, front - side * 0.03, 0.4), (left + rng.uniform(3.0, 5.0), front, 2.6))
-            yield box(*_sorted(*shop), Kind.GLASS, 0.1)
+            yield box(*shop, Kind.GLASS, 0.1)
         x = stop + (rng.uniform(3.0, 8.0) if rng.random() < GAPS else 0.0)
 
 
@@ -233,12 +232,3 @@ def birds(middle: tuple[float, float], count: int, rng: np.random.Generator) -> 
         x, y, z = position
         flock.append(ball((x, y, z), rng.uniform(0.06, 0.14), flight))
     return tuple(flock)
-
-
-def _sorted(
-    a: tuple[float, float, float], b: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Make the low and the high corner of a box of any two opposite ones."""
-    low = (min(a[0], b[0]), min(a[1], b[1]), min(a[2], b[2]))
-    high = (max(a[0], b[0]), max(a[1], b[1]), max(a[2], b[2]))
-    return low, high

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.scenes.random_streets import (
     LANES,
     Town,
@@ -24,7 +23,7 @@ from lidar_outlier_lab.simulation.scenes.random_streets import (
 )
 from lidar_outlier_lab.simulation.weather.beams import Optics
 from lidar_outlier_lab.simulation.weather.drops import rain, snow
-from lidar_outlier_lab.simulation.world.drive import Block, Disturbances, Drive
+from lidar_outlier_lab.simulation.world.drive import Block, Disturbances, Drive, about, gather
 from lidar_outlier_lab.simulation.world.particles import Fall
 from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.recording import Cloud, messages
@@ -96,8 +95,8 @@ def street(
     """Simulate ``street-RINGS``; None: the share of outliers that the table of weather says."""
     count = int(name.removeprefix('street-'))
     drive = plan(count, seed)
-    block = _weigh(choose.gather(drive, progress=progress))
-    returns = choose.about(block, WEATHER[count].share if share is None else share)
+    block = _weigh(gather(drive, progress=progress))
+    returns = about(block, WEATHER[count].share if share is None else share)
     return messages(drive, [(drive.shots, returns)], lines_per_message=1)
 
 
@@ -170,5 +169,5 @@ def dry_turn(sensor: SpinningScanner | FreeScanner, seed: int) -> Cloud:
     """
     rng = np.random.default_rng([seed, sensor.rings])
     drive = _drive(sensor, Weather(1, 0.0), seed, rng)
-    block = choose.gather(drive)
+    block = gather(drive)
     return next(iter(messages(drive, [(drive.shots, block.clean)], lines_per_message=1)))

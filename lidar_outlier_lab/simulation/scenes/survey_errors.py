@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_lab.simulation.papers.aerial import log_uniform
 
 NEIGHBOUR = 8  # whose distance is the spacing
 OFF = (2.5, 1000.0)  # spacings that a point is moved off
@@ -45,7 +46,6 @@ def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Flo
     ----------
     xyz : (N, 3) good points, z up, metres
     share : of the points, that errors are
-    rng : draws everything
 
     """
     cloud = _Cloud(xyz, cKDTree(xyz), xyz.min(axis=0), xyz.max(axis=0))
@@ -88,13 +88,12 @@ def _cloud(cloud: _Cloud, requested: int, rng: np.random.Generator) -> Floats:
     count = int(rng.integers(requested // 4, requested + 1))
     start = cloud.xyz[rng.integers(len(cloud.xyz), size=count)]
     spacing = cloud.tree.query(start, NEIGHBOUR + 1)[0][:, -1]
-    most = np.median(spacing) * _log_uniform(HIGHEST, rng)
+    most = np.median(spacing) * log_uniform(rng, *HIGHEST)
     off = rng.uniform(0.0, most, len(start))
     below = rng.random(len(start)) < rng.choice([0.0, 0.5])
     made = start.copy()
     made[:, 2] += np.where(below, -off, off)
-    clear: Floats = made[cloud.tree.query(made)[0] >= NOISE_FREE * spacing]
-    return clear
+    return made[cloud.tree.query(made)[0] >= NOISE_FREE * spacing]
 
 
 def _away(rng: np.random.Generator) -> Floats:
@@ -102,12 +101,7 @@ def _away(rng: np.random.Generator) -> Floats:
     if rng.random() < 0.5:  # noqa: PLR2004  half of them
         return np.array([0.0, 0.0, rng.choice([-1.0, 1.0])])
     way = rng.standard_normal(3)
-    direction: Floats = way / np.linalg.norm(way)
-    return direction
-
-
-def _log_uniform(limits: tuple[float, float], rng: np.random.Generator) -> float:
-    return float(np.exp(rng.uniform(*np.log(limits))))
+    return way / np.linalg.norm(way)
 
 
 def _scattered(cloud: _Cloud, _start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
@@ -118,25 +112,23 @@ def _scattered(cloud: _Cloud, _start: Floats, spacing: float, rng: np.random.Gen
 
 def _moved(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Move a point off, or a few that come together."""
-    far = rng.uniform(*OFF) if rng.random() < 0.3 else _log_uniform(OFF, rng)  # noqa: PLR2004
+    far = rng.uniform(*OFF) if rng.random() < 0.3 else log_uniform(rng, *OFF)  # noqa: PLR2004
     off = spacing * far * _away(rng)
     few = int(rng.integers(1, 4)) if rng.random() < 0.3 else 1  # noqa: PLR2004  some of them
-    made: Floats = start + off + 0.3 * spacing * rng.standard_normal((few, 3))
-    return made
+    return start + off + 0.3 * spacing * rng.standard_normal((few, 3))
 
 
 def _group(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a round group of points somewhere."""
-    size, spread = int(rng.integers(*GROUP)), spacing * _log_uniform(SPREAD, rng)
-    off = (spacing * _log_uniform(APART, rng) + 2.0 * spread) * _away(rng)
-    made: Floats = start + off + spread * rng.standard_normal((size, 3))
-    return made
+    size, spread = int(rng.integers(*GROUP)), spacing * log_uniform(rng, *SPREAD)
+    off = (spacing * log_uniform(rng, *APART) + 2.0 * spread) * _away(rng)
+    return start + off + spread * rng.standard_normal((size, 3))
 
 
 def _row(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a row of points somewhere, which is not quite straight."""
-    size, step = int(rng.integers(*GROUP)), spacing * _log_uniform(STEP, rng)
-    off = spacing * _log_uniform(APART, rng) * _away(rng)
+    size, step = int(rng.integers(*GROUP)), spacing * log_uniform(rng, *STEP)
+    off = spacing * log_uniform(rng, *APART) * _away(rng)
     along = np.cumsum(step * rng.uniform(0.5, 1.5, size))
     made: Floats = start + off + along[:, None] * _away(rng)
     return made + 0.1 * step * rng.standard_normal((size, 3))
@@ -144,18 +136,17 @@ def _row(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator
 
 def _low(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a point below a surface, as if its echo came late."""
-    made: Floats = start - np.array([[0.0, 0.0, spacing * _log_uniform(LOW, rng)]])
-    return made
+    return start - np.array([[0.0, 0.0, spacing * log_uniform(rng, *LOW)]])
 
 
 def _patch(cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Copy a piece of a surface to another place, as a mirror does, most often below it."""
-    size = int(_log_uniform(PATCH, rng))
+    size = int(log_uniform(rng, *PATCH))
     piece = cloud.xyz[cloud.tree.query(start, min(size, len(cloud.xyz)))[1]]
     seen = rng.random(len(piece)) < rng.uniform(0.3, 1.0)
     seen[0] = True
     piece = piece[seen]
-    off = spacing * _log_uniform(APART, rng)
+    off = spacing * log_uniform(rng, *APART)
     way = np.array([0.0, 0.0, -1.0]) if rng.random() < BELOW else _away(rng)
     height = 2.0 * start[2] - piece[:, 2] if rng.random() < 0.5 else piece[:, 2]  # noqa: PLR2004
     made = np.column_stack([piece[:, :2], height]) + off * way

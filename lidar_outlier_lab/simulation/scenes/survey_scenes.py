@@ -7,6 +7,7 @@ from a tripod, and plain pieces of surfaces.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +17,10 @@ from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
-from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
+from lidar_outlier_lab.simulation.papers.aerial import Flight, fly, log_uniform, look_down
 from lidar_outlier_lab.simulation.papers.bus_tracks import Line, track
 from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
-from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
+from lidar_outlier_lab.simulation.world.landscape import Plants
 
 STREAM = 2309  # of random numbers, which no preset uses
 MAX_POINTS = 80_000  # good points of a scene, about
@@ -42,10 +43,8 @@ class SurveyScene(NamedTuple):
     Attributes
     ----------
     name : str
-    xyz : (N, 3) float64
-        Metres, z up.
-    cause : (N,) uint8
-        A :class:`Cause`; 0 of good points.
+    xyz : (N, 3) metres, z up
+    cause : (N,) uint8, a :class:`Cause`; 0 of good points
 
     """
 
@@ -63,7 +62,7 @@ def training_scene(seed: int) -> SurveyScene:
         xyz, cause = _window(xyz, cause, rng)
     if rng.random() >= CLEAN:
         most = SHARE[1] if len(xyz) > FEW else SHARE_OF_FEW
-        share = np.exp(rng.uniform(*np.log((SHARE[0], most))))
+        share = log_uniform(rng, SHARE[0], most)
         known = cause
         xyz, cause = add_errors(xyz, max(share, 10 / len(xyz)), rng)
         cause[: len(known)] = known
@@ -99,8 +98,7 @@ def _window(xyz: Floats, cause: Bytes, rng: np.random.Generator) -> tuple[Floats
 def _thin(xyz: Floats, rng: np.random.Generator) -> Floats:
     if rng.random() >= THINNED:
         return xyz
-    kept: Floats = xyz[rng.random(len(xyz)) < rng.uniform(0.1, 0.8)]
-    return kept
+    return xyz[rng.random(len(xyz)) < rng.uniform(0.1, 0.8)]
 
 
 def _in_lines(xyz: Floats, rng: np.random.Generator) -> Floats:
@@ -112,10 +110,9 @@ def _in_lines(xyz: Floats, rng: np.random.Generator) -> Floats:
     for _ in range(int(rng.integers(1, 3))):
         way = rng.uniform(0.0, np.pi)
         across = np.cos(way) * xyz[:, 1] - np.sin(way) * xyz[:, 0]
-        step = spacing * np.exp(rng.uniform(*np.log(APART)))
+        step = spacing * log_uniform(rng, *APART)
         seen |= across % step < step * rng.uniform(*WIDTH)
-    kept: Floats = xyz[seen]
-    return kept
+    return xyz[seen]
 
 
 def _with_islands(xyz: Floats, rng: np.random.Generator) -> Floats:
@@ -126,18 +123,17 @@ def _with_islands(xyz: Floats, rng: np.random.Generator) -> Floats:
     on_map = cKDTree(xyz[:, :2])
     for middle in xyz[rng.integers(len(xyz), size=int(rng.integers(*PARTS)))]:
         spacing = float(np.median(tree.query(middle, K + 1)[0][1:]))
-        within = spacing * np.exp(rng.uniform(*np.log(ISLAND)))
-        beyond = within + spacing * np.exp(rng.uniform(*np.log(MOAT)))
+        within = spacing * log_uniform(rng, *ISLAND)
+        beyond = within + spacing * log_uniform(rng, *MOAT)
         around = xyz[on_map.query_ball_point(middle[:2], 2.0 * beyond), 2]
         if middle[2] > np.quantile(around, LOWER):
             continue
         near = np.array(tree.query_ball_point(middle, beyond))
         kept[near[np.linalg.norm(xyz[near] - middle, axis=1) > within]] = False
-    few: Floats = xyz[kept]
-    return few
+    return xyz[kept]
 
 
-def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # noqa: FBT001  a kind
+def _flight(_seed: int, rng: np.random.Generator, *, houses: bool) -> tuple[Floats, Bytes]:
     """Scan a town or mountains from the air."""
     lines = int(rng.integers(120, 300))
     how = Flight(
@@ -163,21 +159,12 @@ def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # 
     return _good(_with_islands(_thin(xyz, rng), rng))
 
 
-def _town(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
-    return _flight(True, rng)  # noqa: FBT003  a kind
-
-
-def _mountains(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
-    return _flight(False, rng)  # noqa: FBT003  a kind
-
-
 def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Match images of a country: a grid that is not quite even, rough where plants are."""
-    density = np.exp(rng.uniform(*np.log((4.0, 200.0))))
+    density = log_uniform(rng, 4.0, 200.0)
     step, rows = 1.0 / np.sqrt(density), int(np.sqrt(MAX_POINTS))
-    size = (rows * step + 1.0, rows * step + 1.0)
-    cell = max(step, 0.1)
-    area = size[0] * size[1] / 1e4
+    side = rows * step + 1.0
+    area = side * side / 1e4
     plants = Plants(
         int(rng.integers(0, 6)),
         int(rng.uniform(10.0, 300.0) * max(area, 0.2)),
@@ -185,10 +172,8 @@ def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
         wide=(1.2, rng.uniform(2.0, 4.0)),
         pointed=rng.uniform(0.0, 1.0),
     )
-    land = build(hills(size, cell, rng.uniform(0.0, 0.3), rng), cell, plants, rng)
-    cells = np.divmod(np.arange(rows**2), rows)
-    x, y = (step * (part + rng.uniform(0.0, 1.0, rows**2)) for part in cells)
-    view = land.view(x, y)
+    steep, cell = rng.uniform(0.0, 0.3), max(step, 0.1)
+    x, y, view = look_down(rows**2, step, 1.0, cell, steep, plants, rng)
     smooth, rough = rng.uniform(0.005, 0.06), rng.uniform(0.03, 0.25)
     noise = np.where(view.kind == Kind.FOLIAGE, rough, smooth)
     xyz = np.stack([x, y, view.height + noise * rng.standard_normal(len(x))], axis=1)
@@ -199,8 +184,8 @@ def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Scan one to four bent surfaces one behind the other, in steps of their own."""
     parts = []
     for _ in range(int(rng.integers(1, 5))):
-        step, across = np.exp(rng.uniform(*np.log((0.02, 0.4)))), rng.uniform(0.4, 1.0)
-        count = int(np.exp(rng.uniform(*np.log((10, 90)))))
+        step, across = log_uniform(rng, 0.02, 0.4), rng.uniform(0.4, 1.0)
+        count = int(log_uniform(rng, 10, 90))
         u, v = (g.ravel() * step for g in np.meshgrid(np.arange(count), np.arange(count) * across))
         u, v = (g + rng.uniform(-0.3, 0.3, len(g)) * step for g in (u, v))
         length = count * step
@@ -239,7 +224,7 @@ def _inside(seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
 
 def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Measure plain things: planes, balls and tubes, evenly, in lines, or denser on one side."""
-    count = int(np.exp(rng.uniform(*np.log((2000, MAX_POINTS)))))
+    count = int(log_uniform(rng, 2000, MAX_POINTS))
     u, v = rng.random((2, count))
     if rng.random() < 0.4:  # noqa: PLR2004  some of them
         lines = int(np.sqrt(count) * rng.uniform(0.2, 1.0))
@@ -262,15 +247,15 @@ def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
 
 
 KINDS: tuple[tuple[str, Callable[[int, np.random.Generator], tuple[Floats, Bytes]]], ...] = (
-    ('town', _town),
-    ('mountains', _mountains),
+    ('town', partial(_flight, houses=True)),
+    ('mountains', partial(_flight, houses=False)),
     ('images', _images),
     ('walls', _walls),
     ('track', _track),
     ('tripod', _inside),
     ('images', _images),
     ('pieces', _pieces),
-    ('mountains', _mountains),
+    ('mountains', partial(_flight, houses=False)),
     ('walls', _walls),
 )
 FLOWN = ('town', 'mountains')

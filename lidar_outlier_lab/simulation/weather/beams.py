@@ -49,13 +49,11 @@ class Optics:
 
     def diameter(self, distance: Floats) -> Floats:
         """Diameter of the beam at a range, metres."""
-        result: Floats = self.aperture + self.divergence * distance
-        return result
+        return self.aperture + self.divergence * distance
 
     def overlap(self, distance: Floats) -> Floats:
         """Share of the beam that the receiver sees at a range."""
-        result: Floats = -np.expm1(-((distance / self.blind) ** 2))
-        return result
+        return -np.expm1(-((distance / self.blind) ** 2))
 
 
 @dataclass(frozen=True)
@@ -64,16 +62,12 @@ class Beams:
 
     Attributes
     ----------
-    direction : (N, 3) float64
-        Of length one, in the sensor's frame.
-    range : (N,) float64
-        Metres; inf where nothing came back.
-    reflectance : (N,) float64
-        Of the surface, cosine of incidence included.
-    ring, t : (N,) int64
-        Line, and time in nanoseconds.
-    source : (N,) int64
-        Row in the cloud it is from; -1 where the cloud has none, and nothing came back.
+    direction : (N, 3) of length one, in the sensor's frame
+    range : (N,) metres; inf where nothing came back
+    reflectance : (N,) of the surface, cosine of incidence included
+    ring, t : (N,) int64, line, and time in nanoseconds
+    source : (N,) int64, row in the cloud it is from; -1 where the cloud has none, and nothing came
+        back
 
     """
 
@@ -138,8 +132,7 @@ def find_beams(  # noqa: PLR0913  the columns of a cloud
     some = Beams(direction, distance, reflectance[index], ring[index], t[index], index)
     rings, rate = _rings(some)
     if empty is not None and empty.any():
-        rows = _EmptyRows(*(values[empty] for values in (ring, t, np.arange(len(t)))))
-        found = [_of_rows(one, rows, rate) for one in rings]
+        found = [_of_rows(one, ring, t, empty, rate) for one in rings]
         some = _join([some, *found])
         rings = [_merge(one, new, rate) for one, new in zip(rings, found, strict=True)]
     if not adds:
@@ -183,14 +176,6 @@ class _Ring(NamedTuple):
         return len(self.phase) >= MIN_RING_POINTS and self.step > 0.0
 
 
-class _EmptyRows(NamedTuple):
-    """Rows of a cloud without a return: (M,) each."""
-
-    ring: Ints
-    t: Ints
-    row: Ints
-
-
 def _rings(some: Beams) -> tuple[list[_Ring], float]:
     """Cut beams into rings; return how fast the head turns too, rad/ns.
 
@@ -222,10 +207,10 @@ def _rings(some: Beams) -> tuple[list[_Ring], float]:
     return rings, rate
 
 
-def _of_rows(ring: _Ring, rows: _EmptyRows, rate: float) -> Beams:
+def _of_rows(ring: _Ring, line: Ints, time: Ints, empty: Bools, rate: float) -> Beams:
     """Give directions to rows without a return: they lie evenly between those with one."""
-    mine = rows.ring == ring.beams.ring[0]
-    t, row = rows.t[mine], rows.row[mine]
+    row = np.flatnonzero(empty & (line == ring.beams.ring[0]))
+    t = time[row]
     if not ring.turns or not len(t):
         return _take(ring.beams, slice(0, 0))
     every_t, every_row = np.append(ring.beams.t, t), np.append(ring.beams.source, row)
@@ -307,13 +292,11 @@ def _unwrap(azimuth: Floats, t: Ints, rate: float) -> Floats:
     mine = sign * azimuth
     expected = abs(rate) * np.diff(t).astype(np.float64)
     step = expected + _wrap(np.diff(mine) - expected)
-    total: Floats = mine[0] + np.concatenate([[0.0], np.cumsum(step)])
-    return total
+    return mine[0] + np.concatenate([[0.0], np.cumsum(step)])
 
 
 def _wrap(angle: Floats) -> Floats:
-    wrapped: Floats = angle - TURN * np.rint(angle / TURN)
-    return wrapped
+    return angle - TURN * np.rint(angle / TURN)
 
 
 def _take(beams: Beams, part: slice | NDArray[np.intp]) -> Beams:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
@@ -24,10 +23,7 @@ from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, Points
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import is_empty
-from lidar_outlier_filter.messages.decoder import (
-    Convention,
-    Decoder,
-)
+from lidar_outlier_filter.messages.decoder import Convention, Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
@@ -45,16 +41,23 @@ MIN_TURN_POINTS = 2 * MIN_RING_POINTS  # returns of a ring that show how its sen
 
 @dataclass
 class WeatherCounts:
-    """What became of the clouds of a topic.
+    """What became of the clouds of all topics.
 
-    ``causes`` (256,) counts the points that came out by their label; of ``hidden`` surfaces nothing
+    ``labels`` (256,) counts the points that came out by their label; of ``hidden`` surfaces nothing
     is seen any more. ``untouched`` clouds have too few points to show how their sensor turns.
+    ``unread`` messages are counted in the recording, but were not found in it.
     """
 
     messages: int = 0
     hidden: int = 0
     untouched: int = 0
-    causes: NDArray[np.int64] = field(default_factory=lambda: np.zeros(256, np.int64))
+    unread: int = 0
+    labels: Ints = field(default_factory=lambda: np.zeros(256, np.int64))
+
+    @property
+    def causes(self) -> dict[Cause, int]:
+        """Number of points by their cause; 0 is good."""
+        return {cause: int(self.labels[cause]) for cause in Cause}
 
 
 class CloudWeather:
@@ -68,10 +71,11 @@ class CloudWeather:
         parameters: FilterParameters,
         number: int = 0,
         inform: Callable[[str], object] = str,
+        counts: WeatherCounts | None = None,
     ) -> None:
         """Take the weather, its seed, which returns are measured, and how clouds are read.
 
-        ``number`` is that of the topic: on each, other particles fall.
+        ``number`` is that of the topic: on each, other particles fall. ``counts`` are those of all.
 
         Raises
         ------
@@ -85,7 +89,7 @@ class CloudWeather:
         self._weather, self._seed, self._returns, self._number = weather, seed, returns, number
         self._decoder = Decoder(parameters, inform, inform)
         self._first: tuple[Optics, kinds.WeatherSite] | None = None
-        self.counts = WeatherCounts()
+        self._clouds, self.counts = 0, counts or WeatherCounts()
 
     def put(self, msg: Any) -> Any:
         """Return a cloud with the weather in it, and the field ``label`` behind the others.
@@ -102,13 +106,10 @@ class CloudWeather:
         if convention is None or is_empty(msg) or not points.valid.any():
             self.counts.untouched += 1
         else:
-            self._check(msg, convention)
-            if _most(points) < MIN_TURN_POINTS:
-                self.counts.untouched += 1
-            else:
-                self._put(msg, cloud, points, convention)
+            self._put(msg, cloud, points, convention)
+        self._clouds += 1
         self.counts.messages += 1
-        self.counts.causes += np.bincount(cloud.labels, minlength=256)
+        self.counts.labels += np.bincount(cloud.labels, minlength=256)
         return cloud.message()
 
     def _check(self, msg: Any, convention: Convention) -> None:
@@ -123,6 +124,10 @@ class CloudWeather:
             raise CloudError('the return dual', must_be, f'{msg.height} × {msg.width} points')
 
     def _put(self, msg: Any, cloud: LabelledCloud, points: Points, convention: Convention) -> None:
+        self._check(msg, convention)
+        if _most(points) < MIN_TURN_POINTS:
+            self.counts.untouched += 1
+            return
         reflectance = cloud.learn(points)
         seen = np.flatnonzero(points.valid)
         far = points.range[seen]
@@ -139,21 +144,15 @@ class CloudWeather:
             points.xyz, t, points.line, reflectance, points.valid, empty, adds=msg.height == 1
         )
         self._first = self._first or (optics, kinds.survey(beams))
-        shots = _WeatherShots(cloud, beams, convention)
-        main, other = self._measure(beams)
-        self.counts.hidden += shots.measure(main)
-        if other is not None:
-            shots.measure_second(other)
-
-    def _measure(self, beams: Beams) -> tuple[WeatherEchoes, WeatherEchoes | None]:
-        """Let beams go through the weather; the second return is None where there is one."""
-        optics, around = self._first or (None, None)
-        sweep = (self._number, self.counts.messages)
+        sweep, returns = (self._number, self._clouds), self._returns
         both = kinds.make_both(
-            self._weather, beams, self._seed, optics, self._returns, sweep, around
+            self._weather, beams, self._seed, optics, returns, sweep, self._first[1]
         )
-        main, *other = echoes.measured(both, self._returns)
-        return main, other[0] if other else None
+        shots = _WeatherShots(cloud, beams, convention)
+        main, *other = echoes.measured(both, returns)
+        self.counts.hidden += shots.measure(main)
+        for echo in other:
+            shots.measure_second(echo)
 
 
 def _most(points: Points) -> int:
@@ -220,33 +219,6 @@ class _WeatherShots:
         return FoundPoints(self._beams.direction[which], distance, reflectance, echo.cause[which])
 
 
-@dataclass(frozen=True)
-class WeatherReport:
-    """What a recording with weather holds.
-
-    ``causes`` counts the points of its clouds; 0 is good. Of ``hidden`` surfaces nothing is seen
-    any more. ``untouched`` of the ``messages`` have too few points to show how their sensor turns.
-    ``unread`` messages are counted in the recording, but were not found in it.
-    """
-
-    output: Path
-    messages: int
-    causes: Mapping[Cause, int]
-    hidden: int
-    untouched: int
-    unread: int
-
-    @property
-    def points(self) -> int:
-        """Number of points."""
-        return sum(self.causes.values())
-
-    @property
-    def outliers(self) -> int:
-        """Number of points that are not good."""
-        return self.points - self.causes[Cause.GOOD]
-
-
 def put_onto(  # noqa: PLR0913  what the command line offers
     recording: Path,
     output: Path,
@@ -258,7 +230,7 @@ def put_onto(  # noqa: PLR0913  what the command line offers
     *,
     progress: Callable[[int, int], object] = lambda _done, _total: None,
     inform: Callable[[str], object] = str,
-) -> WeatherReport:
+) -> WeatherCounts:
     """Write a copy of a recording with weather in its clouds, every point labelled by its cause.
 
     The weather stays the same from the first cloud to the last; its particles do not.
@@ -282,12 +254,14 @@ def put_onto(  # noqa: PLR0913  what the command line offers
         output cannot be written.
 
     """
-    given = FilterParameters().changed(parameters or {})
+    given, counts = FilterParameters().changed(parameters or {}), WeatherCounts()
     store = get_typestore(Stores.ROS2_JAZZY)
     with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
         chosen = choose_clouds(source, topics, 'a topic for weather')
         put = {
-            topic: CloudWeather(weather, seed, returns, given, number, _named(topic.name, inform))
+            topic: CloudWeather(
+                weather, seed, returns, given, number, _named(topic.name, inform), counts
+            )
             for number, topic in enumerate(chosen)
         }
         for topic in source.topics:
@@ -298,16 +272,8 @@ def put_onto(  # noqa: PLR0913  what the command line offers
             bag.write(topic, time, changed)
             done += 1
             progress(done, source.message_count)
-        counts = [one.counts for one in put.values()]
-        causes = {cause: sum(int(count.causes[cause]) for count in counts) for cause in Cause}
-        return WeatherReport(
-            output,
-            sum(count.messages for count in counts),
-            causes,
-            sum(count.hidden for count in counts),
-            sum(count.untouched for count in counts),
-            max(0, source.message_count - done),
-        )
+        counts.unread = max(0, source.message_count - done)
+    return counts
 
 
 def _named(name: str, inform: Callable[[str], object]) -> Callable[[str], object]:

@@ -13,9 +13,9 @@ D₁(r), and the chance per metre of such a drop is A N0 / Λ exp(-Λ D₁).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_lab.simulation.weather.beams import Optics
 
 MILLIMETRE = 1e-3
@@ -89,8 +89,7 @@ def hazard(fall: Precipitation, optics: Optics, distance: Floats, least: Floats)
     known = np.isfinite(size)
     number = np.exp(-fall.slope * np.where(known, size, 0.0)) - np.exp(-fall.slope * fall.largest)
     cross = np.pi / 4.0 * optics.diameter(distance) ** 2
-    chance: Floats = np.where(known, cross * fall.number / fall.slope * number, 0.0)
-    return chance
+    return np.where(known, cross * fall.number / fall.slope * number, 0.0)
 
 
 def strike(
@@ -99,7 +98,7 @@ def strike(
     reach: Floats,
     least: Floats,
     rng: np.random.Generator,
-) -> tuple[NDArray[np.int64], Floats, Floats]:
+) -> tuple[Ints, Floats, Floats]:
     """Let drops fall through beams.
 
     Parameters
@@ -107,7 +106,6 @@ def strike(
     fall, optics : what falls, and through which beams
     reach : (N,) metres that each beam goes; inf: until nothing is seen any more
     least : (N,) power that a drop must outshine
-    rng : of all chances
 
     Returns
     -------
@@ -129,8 +127,7 @@ def strike(
         if not len(mine):
             continue
         chance = hazard(fall, optics, edges, np.full(STEPS, levels[number]))
-        step = np.diff(edges) * (chance[1:] + chance[:-1]) / 2.0
-        total = np.concatenate([[0.0], np.cumsum(step)])
+        total = cumulative_trapezoid(chance, edges, initial=0.0)
         count = rng.poisson(np.interp(end[mine], edges, total))
         which = np.repeat(mine, count)
         depth = rng.random(len(which)) * np.interp(end[which], edges, total)

@@ -4,35 +4,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bytes, Floats
 from lidar_outlier_lab.simulation.weather.beams import Beams
 from lidar_outlier_lab.simulation.weather.drops import power
 
 
-@dataclass(frozen=True)
-class WeatherEchoes:
+class WeatherEchoes(NamedTuple):
     """What N beams measure.
 
     Attributes
     ----------
-    distance : (N,) float64
-        Metres; inf where nothing comes back.
-    power : (N,) float64
-        Reflectance ÷ m², what is lost on the way taken off.
-    cause : (N,) uint8
-        :class:`Cause`; 0 where it is the surface.
+    distance : (N,) metres; inf where nothing comes back
+    power : (N,) reflectance ÷ m², what is lost on the way taken off
+    cause : (N,) uint8, :class:`Cause`; 0 where it is the surface
 
     """
 
     distance: Floats
     power: Floats
-    cause: NDArray[np.uint8]
+    cause: Bytes
 
     def above(self, noise: float) -> WeatherEchoes:
         """Leave out what is not above the noise."""
@@ -72,11 +66,8 @@ def choose(both: BothEchoes, returns: str) -> WeatherEchoes:
         taken = other & (~there | (before.distance < surface.distance))
     else:
         taken = other & ~there
-    return WeatherEchoes(
-        np.where(taken, before.distance, surface.distance),
-        np.where(taken, before.power, surface.power),
-        np.where(taken, before.cause, surface.cause).astype(np.uint8),
-    )
+    pairs: Any = zip(before, surface, strict=True)
+    return WeatherEchoes(*(np.where(taken, mine, its) for mine, its in pairs))
 
 
 def measured(both: BothEchoes, returns: str) -> list[WeatherEchoes]:

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
 from lidar_outlier_filter.core.points.points import INTENSITY_NAMES, NANOSECONDS, Points
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import (
     AXES,
     is_empty,
+    laid_out,
     more_fields,
     plain_rows,
     structured,
@@ -56,12 +57,10 @@ class Brightness:
 
     def intensity(self, distance: Floats, reflectance: Floats) -> Floats:
         """Return the intensities (N,) of what sends back so much."""
-        value: Floats = reflectance / TYPICAL * self._at(distance)
-        return value
+        return reflectance / TYPICAL * self._at(distance)
 
     def _at(self, distance: Floats) -> Floats:
-        usual: Floats = np.interp(np.log(distance), self._where, self._usual)
-        return usual
+        return np.interp(np.log(distance), self._where, self._usual)
 
 
 LABEL = 'label'
@@ -84,7 +83,7 @@ class FoundPoints(NamedTuple):
     direction: Floats
     distance: Floats
     reflectance: Floats
-    cause: NDArray[np.uint8]
+    cause: Bytes
 
 
 class LabelledCloud:
@@ -208,7 +207,7 @@ class LabelledCloud:
         self.column(name)[rows] = values
 
     @property
-    def labels(self) -> NDArray[np.uint8]:
+    def labels(self) -> Bytes:
         """The labels of the points that are there, missing ones left out."""
         here = self._kept.copy()
         if not is_empty(self._msg):
@@ -233,13 +232,5 @@ class LabelledCloud:
 def _layout(dtype: np.dtype[np.void]) -> np.dtype[np.void]:
     """Put the label behind the other fields."""
     fields: Any = dtype.fields
-    names = [*(dtype.names or ()), LABEL]
-    formats = [*(fields[name][0] for name in names[:-1]), np.dtype('u1')]
-    offsets = [*(fields[name][1] for name in names[:-1]), dtype.itemsize]
-    layout: Any = {
-        'names': names,
-        'formats': formats,
-        'offsets': offsets,
-        'itemsize': dtype.itemsize + 1,
-    }
-    return np.dtype(layout)  # type: ignore[no-any-return]
+    columns = {name: fields[name][:2] for name in dtype.names or ()}
+    return laid_out(columns | {LABEL: (np.dtype('u1'), dtype.itemsize)}, dtype.itemsize + 1)

@@ -22,7 +22,6 @@ def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, B
     ----------
     beams : sorted by ring and time
     share : of the beams at edges that do
-    rng : of all chances
 
     Returns
     -------
@@ -54,9 +53,7 @@ def mirror(
 
     Parameters
     ----------
-    beams, optics : of which kind
     share : of the beams at a pane that are mirrored
-    rng : of all chances
 
     Returns
     -------

@@ -115,8 +115,7 @@ class _Field:
         # Between the lattice's values it varies less: by 0.6 on average.
         total /= 0.6 * np.sqrt(sum(0.36**octave for octave in range(OCTAVES)))
         uneven = self._cloud.uneven
-        lumps: Floats = np.exp(uneven * total - uneven**2 / 2.0)
-        return lumps
+        return np.exp(uneven * total - uneven**2 / 2.0)
 
     def at(self, direction: Floats, middle: Floats) -> Floats:
         """Return the extinction (N, M) at ranges along directions (N, 3)."""
@@ -125,8 +124,7 @@ class _Field:
             flat = xyz.reshape(-1, 3)
             return (self._cloud.density * self._lumps(flat)).reshape(middle.shape)
         positions = np.moveaxis((xyz - self._low) / VOXEL, 2, 0)
-        density: Floats = map_coordinates(self._grid, positions, order=1, mode='constant')
-        return density
+        return map_coordinates(self._grid, positions, order=1, mode='constant')
 
 
 def _bounds(puffs: Sequence[PlumePuff]) -> tuple[Floats, Floats]:
@@ -148,9 +146,7 @@ def strike(
 
     Parameters
     ----------
-    cloud, optics, beams : of which kind
     reach : (N,) metres that each beam goes at most
-    rng : of all chances
 
     Returns
     -------
@@ -202,8 +198,7 @@ def _depth(field: _Field, direction: Floats, begin: Floats, end: Floats) -> Floa
     count = int(np.clip(np.ceil((end - begin).max() / STEP), 1, MAX_STEPS))
     step = (end - begin) / count
     middle = begin[:, None] + step[:, None] * (np.arange(count) + 0.5)
-    depth: Floats = field.at(direction, middle).sum(axis=1) * step
-    return depth
+    return field.at(direction, middle).sum(axis=1) * step
 
 
 def _measure(

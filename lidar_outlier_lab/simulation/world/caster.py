@@ -10,9 +10,8 @@ any other; ``PANE`` more for the pane of a window.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 
 Hit = tuple[float, float, int]
@@ -26,24 +25,19 @@ TINY = 1e-12  # keeps a ray parallel to a face from dividing by zero; it meets t
 @kernel
 def cast(
     table: Floats, origin: Floats, direction: Floats, t: Floats, reach: float
-) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Floats, Floats, Ints, Ints]:
     """Find the nearest surface on every ray.
 
     Parameters
     ----------
-    table : (S, WIDTH) float64
-        Surfaces; of equally near ones the first counts.
-    origin, direction : (3, N, K) float64
-        N bundles of K rays.
-    t : (N,) float64
-        Seconds, for what moves.
-    reach : float
-        Metres within which the rays of a bundle stay of its first.
+    table : (S, WIDTH) surfaces; of equally near ones the first counts
+    origin, direction : (3, N, K) N bundles of K rays
+    t : (N,) seconds, for what moves
+    reach : metres within which the rays of a bundle stay of its first
 
     Returns
     -------
-    distance, cosine, surface, part : (N, K)
-        Surface is the row, -1 where nothing was met.
+    distance, cosine, surface, part : (N, K); surface is the row, -1 where nothing was met
 
     """
     count, rays = direction.shape[1], direction.shape[2]
@@ -294,9 +288,7 @@ def _meet_crown(p: Floats, o: Floats, d: Floats) -> Hit:
 
 
 @device_function
-def _meet_leaf(
-    p: Floats, o: Floats, d: Floats, cell: NDArray[np.int64], radius: float
-) -> tuple[float, float]:
+def _meet_leaf(p: Floats, o: Floats, d: Floats, cell: Ints, radius: float) -> tuple[float, float]:
     """Meet the leaf of a cell: distance and cosine."""
     i, j, k, seed = cell[0], cell[1], cell[2], int(p[9])
     gap, normal = np.empty(3), np.empty(3)

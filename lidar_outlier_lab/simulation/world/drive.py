@@ -1,26 +1,30 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive through a scene: what its shots measure, and what goes wrong with them."""
+"""A drive through a scene: what its shots measure, and what goes wrong with them.
+
+More shots can be disturbed than are needed for a share of outliers. Then some are chosen by lot;
+the others measure what they would have measured undisturbed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Rows
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
 from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, SpinningScanner
-from lidar_outlier_lab.simulation.world.trajectory import Path, Trajectory
+from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory
 
 IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
-LEVEL = 2  # the axis that is normal to a road
 
 
 @dataclass(frozen=True)
@@ -29,20 +33,14 @@ class Disturbances:
 
     Attributes
     ----------
-    reflection, near_surface : float
-        Shares of the shots at the road that are measured above it.
-    reflection_height, near_surface_height : (low, high)
-        How far above, metres.
-    reflection_scale : float
-        Heights of reflections fall off exponentially, by e in so many metres.
-    glass : float
-        Share of the shots at glass that are mirrored, so that what is in front of it appears
-        behind it.
-    wet : float
-        Share of the grazing shots at a road that are mirrored likewise; of steeper ones it falls as
-        (1 - cosine of incidence)^5 does (Schlick).
-    mirrored : float
-        Share of the light that is left after two mirrors.
+    reflection, near_surface : shares of the shots at the road that are measured above it
+    reflection_height, near_surface_height : (low, high) how far above, metres
+    reflection_scale : heights of reflections fall off exponentially, by e in so many metres
+    glass : share of the shots at glass that are mirrored, so that what is in front of it appears
+        behind it
+    wet : share of the grazing shots at a road that are mirrored likewise; of steeper ones it falls
+        as (1 - cosine of incidence)^5 does (Schlick)
+    mirrored : share of the light that is left after two mirrors
 
     """
 
@@ -67,7 +65,7 @@ class Drive:
     scene: Scene
     lines: int
     sensor: ProfileScanner | SpinningScanner | FreeScanner = field(default_factory=ProfileScanner)
-    trajectory: Path = field(default_factory=Trajectory)
+    trajectory: Trajectory | Route = field(default_factory=Trajectory)
     disturbances: Disturbances = field(default_factory=Disturbances)
     seed: int = 1
     in_own_frame: bool = False
@@ -77,7 +75,7 @@ class Drive:
         """Number of shots, with and without echo."""
         return self.lines * self.sensor.shots_per_line
 
-    def rays(self, shot: NDArray[np.int64]) -> Rays:
+    def rays(self, shot: Ints) -> Rays:
         """Footprints of shots, in the scene."""
         t = self.sensor.seconds(shot)
         offset, direction = self.sensor.bundle(shot)
@@ -91,10 +89,10 @@ class Drive:
 class Returns(NamedTuple):
     """Points with the numbers of their shots; their ``t`` is not yet set."""
 
-    shot: NDArray[np.int64]
-    points: NDArray[np.void]
+    shot: Ints
+    points: Rows
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Returns:
+    def take(self, index: NDArray[np.intp] | Bools | slice) -> Returns:
         """Choose points by index, mask or slice, in that order."""
         return Returns(self.shot[index], self.points[index])
 
@@ -104,12 +102,9 @@ class Block(NamedTuple):
 
     Attributes
     ----------
-    clean : Returns
-        What the surfaces alone give, with all that their shapes, mirrors and motion do.
-    spoilt : Returns
-        What shots gave instead that were disturbed on their way; in order.
-    lot : (len(spoilt.shot),) float64
-        Of each disturbed shot, uniform in 0 to 1, to choose some of them by.
+    clean : what the surfaces alone give, with all that their shapes, mirrors and motion do
+    spoilt : what shots gave instead that were disturbed on their way; in order
+    lot : (len(spoilt.shot),) of each disturbed shot, uniform in 0 to 1, to choose some of them by
 
     """
 
@@ -125,8 +120,8 @@ class _Shots:
     distance: Floats
     cosine: Floats
     bright: Floats
-    kind: NDArray[np.uint8]
-    cause: NDArray[np.uint8]
+    kind: Bytes
+    cause: Bytes
 
     def copy(self) -> _Shots:
         """Copy all."""
@@ -156,7 +151,93 @@ def merge(clean: Returns, spoilt: Returns) -> Returns:
     return Returns(shot[order], np.concatenate([left.points, spoilt.points])[order])
 
 
-def _cast(drive: Drive, shot: NDArray[np.int64], rng: np.random.Generator) -> Block:
+def gather(
+    drive: Drive, points: int | None = None, progress: Callable[[float], object] = lambda _: None
+) -> Block:
+    """Cast a drive until ``points`` shots have an echo, undisturbed; None: all of it.
+
+    ``progress`` is called with the share done.
+
+    Raises
+    ------
+    FilterError
+        If the whole drive has fewer points.
+
+    """
+    blocks, found = [], 0
+    for end, block in cast(drive):
+        blocks.append(block)
+        found += len(block.clean.shot)
+        progress(end / drive.shots if points is None else min(found / points, 1.0))
+        if points is not None and found >= points:
+            break
+    if points is not None and found < points:
+        raise FilterError('the points of the drive', f'at least {points}', found)
+    return Block(
+        join([block.clean for block in blocks]),
+        join([block.spoilt for block in blocks]),
+        np.concatenate([block.lot for block in blocks]),
+    )
+
+
+def join(parts: list[Returns]) -> Returns:
+    """Put returns behind each other."""
+    return Returns(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def exactly(block: Block, points: int, outliers: int) -> Returns:
+    """Take the first ``points`` shots with an echo, and disturb some, so that ``outliers`` are.
+
+    Raises
+    ------
+    FilterError
+        If the scene itself makes more outliers, or too few shots are disturbed.
+
+    """
+    clean = block.clean.take(slice(0, points))
+    where, inside = _same_shots(clean, block.spoilt)
+    # Only shots that stay a point, and become an outlier.
+    fit = inside & (clean.points['label'][where] == Cause.GOOD)
+    candidates, lot = block.spoilt.take(fit), block.lot[fit]
+    own = int(np.count_nonzero(clean.points['label']))
+    if not own <= outliers <= own + len(lot):
+        must_be = f'from {own / points:.6f} to {(own + len(lot)) / points:.6f} here'
+        raise FilterError('the share', must_be, f'{outliers / points:.6f}')
+    chosen = np.sort(np.argsort(lot, kind='stable')[: outliers - own])
+    return merge(clean, candidates.take(chosen))
+
+
+def about(block: Block, share: float) -> Returns:
+    """Disturb some shots, so that the share of outliers comes as near to ``share`` as it can.
+
+    Raises
+    ------
+    FilterError
+        If the scene itself makes a larger share, or too few shots are disturbed.
+
+    """
+    clean, spoilt = block.clean, block.spoilt
+    where, inside = _same_shots(clean, spoilt)
+    order = np.argsort(block.lot, kind='stable')
+    is_new = ~inside[order]
+    was_good = clean.points['label'][where[order]] == Cause.GOOD
+    points = len(clean.shot) + np.concatenate([[0], np.cumsum(is_new)])
+    own = np.count_nonzero(clean.points['label'])
+    outliers = own + np.concatenate([[0], np.cumsum(is_new | was_good)])
+    shares = outliers / points
+    if not shares[0] <= share <= shares[-1]:
+        raise FilterError('the share', f'from {shares[0]:.6f} to {shares[-1]:.6f} here', share)
+    chosen = np.sort(order[: int(np.argmin(np.abs(shares - share)))])
+    return merge(clean, spoilt.take(chosen))
+
+
+def _same_shots(clean: Returns, spoilt: Returns) -> tuple[NDArray[np.intp], Bools]:
+    """Return where the shots of some returns are among those of others, and whether they are."""
+    where = np.minimum(np.searchsorted(clean.shot, spoilt.shot), max(len(clean.shot) - 1, 0))
+    return where, clean.shot[where] == spoilt.shot
+
+
+def _cast(drive: Drive, shot: Ints, rng: np.random.Generator) -> Block:
     """Cast some shots: what they meet, what goes wrong on the way, noise."""
     rays = drive.rays(shot)
     clean = _meet(drive, rays, rng)
@@ -197,13 +278,7 @@ def _meet(drive: Drive, rays: Rays, rng: np.random.Generator) -> _Shots:
     return shots
 
 
-def _mirror(
-    drive: Drive,
-    rays: Rays,
-    shots: _Shots,
-    axis: NDArray[np.int64],
-    mirrored: NDArray[np.bool_],
-) -> None:
+def _mirror(drive: Drive, rays: Rays, shots: _Shots, axis: Ints, mirrored: Bools) -> None:
     """Let some shots go on from a face normal to ``axis``: they measure the whole way.
 
     What is met in the mirror lies behind it, on the straight line. Nothing met: nothing measured.
@@ -253,20 +328,20 @@ def _lift(how: Disturbances, fall: Floats, shots: _Shots, rng: np.random.Generat
     shots.distance += np.where(lifted, lift / np.where(lifted, fall, 1.0), 0.0)
 
 
-def _is_inside(drive: Drive, distance: Floats) -> NDArray[np.bool_]:
+def _is_inside(drive: Drive, distance: Floats) -> Bools:
     """Return which distances are within the scanner's limits, both exclusive."""
     return (distance < drive.sensor.farthest) & (distance > drive.sensor.nearest)
 
 
 def _points(  # noqa: PLR0913  one shot's whole state
     drive: Drive,
-    shot: NDArray[np.int64],
+    shot: Ints,
     rays: Rays,
     shots: _Shots,
     noise: Floats,
     glitter: Floats,
     seen: NDArray[np.intp],
-) -> NDArray[np.void]:
+) -> Rows:
     """Make the points of the shots that are seen."""
     sensor = drive.sensor
     kind, distance = shots.kind[seen], shots.distance[seen]

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from lidar_outlier_filter.core.annotations import Bytes, Floats
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.evaluation.truth import Kind
 
-Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
+Grids = tuple[Floats, Floats, Ints, Floats]  # ground, top, owner, highest
 
 MARCH = 0.4  # metres that a ray is followed at a time before it is below something
 BLOCK = 16  # corners to a side, of the squares that a ray is led over at once
@@ -34,17 +34,16 @@ class Landscape:
 
     Attributes
     ----------
-    ground, top : (columns, rows) float64
-        Heights of the bare ground and of what stands on it, metres; x is the first index.
-    owner : (columns, rows) int64
-        What a corner belongs to: 0 the ground, more a house, less a tree. Between corners of
-        several owners the height jumps.
+    ground, top : (columns, rows) heights of the bare ground and of what stands on it, metres; x is
+        the first index
+    owner : (columns, rows) int64, what a corner belongs to: 0 the ground, more a house, less a
+        tree. Between corners of several owners the height jumps.
 
     """
 
     ground: Floats
     top: Floats
-    owner: NDArray[np.int64]
+    owner: Ints
     cell: float
 
     @property
@@ -77,13 +76,13 @@ class Landscape:
         return distance, _kinds(owner)
 
 
-def _kinds(owner: NDArray[np.int64]) -> Bytes:
+def _kinds(owner: Ints) -> Bytes:
     kinds = np.where(owner > 0, Kind.ROOF, np.where(owner < 0, Kind.FOLIAGE, Kind.TERRAIN))
     return kinds.astype(np.uint8)
 
 
 @device_function
-def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: float) -> float:
+def _height(field: Floats, owner: Ints, cell: float, x: float, y: float) -> float:
     """Height somewhere: between the four corners, or that of the nearest where owners differ."""
     u = min(max(x / cell, 0.0), field.shape[0] - 1.000001)
     v = min(max(y / cell, 0.0), field.shape[1] - 1.000001)
@@ -98,7 +97,7 @@ def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: f
 
 
 @device_function
-def _owner(owner: NDArray[np.int64], cell: float, x: float, y: float) -> int:
+def _owner(owner: Ints, cell: float, x: float, y: float) -> int:
     """Owner of the nearest corner."""
     i = int(min(max(x / cell + 0.5, 0.0), owner.shape[0] - 1.0))
     j = int(min(max(y / cell + 0.5, 0.0), owner.shape[1] - 1.0))
@@ -107,12 +106,7 @@ def _owner(owner: NDArray[np.int64], cell: float, x: float, y: float) -> int:
 
 @kernel
 def _view(  # noqa: PLR0913  a kernel takes arrays
-    top: Floats,
-    owner: NDArray[np.int64],
-    cell: float,
-    x: Floats,
-    y: Floats,
-    found: NDArray[np.int64],
+    top: Floats, owner: Ints, cell: float, x: Floats, y: Floats, found: Ints
 ) -> Floats:
     height = np.empty(len(x))
     for n in range(len(x)):
@@ -123,15 +117,10 @@ def _view(  # noqa: PLR0913  a kernel takes arrays
 
 def _highest(top: Floats) -> Floats:
     """Height above which nothing is in each square of ``BLOCK`` corners, or half a cell around."""
-    padded = np.pad(top, [(1, BLOCK + 1 - side % BLOCK) for side in top.shape], mode='edge')
-    inner = [slice(0, (side - 2) // BLOCK * BLOCK) for side in padded.shape]
-    highest = np.full([part.stop // BLOCK for part in inner], -np.inf)
-    for i in range(3):
-        for j in range(3):
-            moved = padded[i:, j:][inner[0], inner[1]]
-            squares = moved.reshape(highest.shape[0], BLOCK, highest.shape[1], BLOCK)
-            highest = np.maximum(highest, squares.max(axis=(1, 3)))
-    return highest
+    padded = np.pad(top, [(0, BLOCK), (0, BLOCK)], mode='edge')
+    highest: Floats = maximum_filter(padded, BLOCK + 2, mode='nearest')
+    columns, rows = (slice(BLOCK // 2, side // BLOCK * BLOCK + BLOCK, BLOCK) for side in top.shape)
+    return np.ascontiguousarray(highest[columns, rows])
 
 
 @device_function
@@ -155,7 +144,7 @@ def _descend(  # noqa: PLR0913  a kernel takes arrays
     direction: Floats,
     depth: Floats,
     bottom: float,
-    found: NDArray[np.int64],
+    found: Ints,
 ) -> Floats:
     """Follow rays down in steps, and halve the step in which something is met."""
     ground, top, owner, highest = fields

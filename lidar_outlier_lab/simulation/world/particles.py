@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.special import ndtr, ndtri
 
 from lidar_outlier_filter.core.annotations import Floats
@@ -75,8 +76,7 @@ class Fall:
     ----------
     cause : Cause
     drops : Precipitation
-    optics : Optics
-        Of the sensor: its beams, and its noise.
+    optics : of the sensor: its beams, and its noise
 
     """
 
@@ -109,8 +109,7 @@ class Fall:
         chance = np.stack(
             [hazard(self.drops, optics, edges, np.full(STEPS, level)) for level in levels]
         )
-        step = np.diff(edges) * (chance[:, 1:] + chance[:, :-1]) / 2.0
-        return edges, levels, np.concatenate([np.zeros((LEVELS, 1)), np.cumsum(step, 1)], axis=1)
+        return edges, levels, cumulative_trapezoid(chance, edges, initial=0.0)
 
 
 @dataclass(frozen=True)

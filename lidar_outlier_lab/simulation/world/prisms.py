@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Floats, Ints, Rows
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH, LaserScanner
 
 MINUTE = 60.0  # seconds
@@ -35,12 +34,9 @@ class FreeScanner(LaserScanner):
 
     Attributes
     ----------
-    interval : int
-        Time between shots, nanoseconds.
-    shots_per_line : int
-        Shots of a cloud.
-    before : int
-        Shots before the first one: where on its curve the scanner begins.
+    interval : time between shots, nanoseconds
+    shots_per_line : shots of a cloud
+    before : shots before the first one: where on its curve the scanner begins
 
     """
 
@@ -51,7 +47,7 @@ class FreeScanner(LaserScanner):
     divergence: float = 0.0013
 
     @abstractmethod
-    def directions(self, shot: NDArray[np.int64]) -> Floats:
+    def directions(self, shot: Ints) -> Floats:
         """Return directions (3, N) of shots counted from the start of the curve, of length one."""
 
     @property
@@ -64,11 +60,11 @@ class FreeScanner(LaserScanner):
         """Fields of a point."""
         return np.dtype([*FIRST, ('line', 'u1'), *TRUTH])
 
-    def note(self, points: NDArray[np.void], shot: NDArray[np.int64]) -> None:
+    def note(self, points: Rows, shot: Ints) -> None:
         """Write what the scanner itself knows of its shots into their points."""
         points['line'] = (self.before + shot) % self.rings
 
-    def bundle(self, shot: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def bundle(self, shot: Ints) -> tuple[Floats, Floats]:
         """Origins and directions (3, N, 1 + sub_rays) from the scanner, in its own frame."""
         centre = self.directions(self.before + shot)
         flat = np.hypot(centre[0], centre[1])
@@ -91,7 +87,7 @@ class PrismScanner(FreeScanner):
         """Number of lasers."""
         return len(self.fan)
 
-    def directions(self, shot: NDArray[np.int64]) -> Floats:
+    def directions(self, shot: Ints) -> Floats:
         """Return directions (3, N) of shots counted from the start of the curve, of length one."""
         up = np.array(self.fan)[shot % self.rings]
         beam = np.stack([np.cos(up), np.zeros_like(up), np.sin(up)])
@@ -125,7 +121,7 @@ class NoddingScanner(FreeScanner):
         """Number of lasers."""
         return self.lasers
 
-    def directions(self, shot: NDArray[np.int64]) -> Floats:
+    def directions(self, shot: Ints) -> Floats:
         """Return directions (3, N) of shots counted from the start of the curve, of length one."""
         minutes = self.seconds(shot) / MINUTE
         azimuth = -2.0 * np.pi * self.turns * minutes
@@ -143,8 +139,7 @@ def refract(beam: Floats, normal: Floats, ratio: float) -> Floats:
     """
     cosine = (beam * normal).sum(axis=0)
     behind = np.sqrt(1.0 - ratio**2 * (1.0 - cosine**2))
-    bent: Floats = ratio * beam + (behind - ratio * cosine) * normal
-    return bent
+    return ratio * beam + (behind - ratio * cosine) * normal
 
 
 _WEDGE = np.radians(27.65251)

@@ -12,31 +12,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointCloud2 as PointCloud2
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointField as PointField
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.evaluation.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_filter.messages.cloud import DATATYPES
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_lab.simulation.world.drive import Drive, Returns, simulate
-from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
 TOPIC = '/lidar/points'
 FRAME = 'map'
 START = 1_750_000_000 * SECOND  # when a drive begins, nanoseconds
-
-POINT = ProfileScanner().point
-DATATYPES = {
-    '<f4': PointField.FLOAT32,
-    '<f8': PointField.FLOAT64,
-    '<u4': PointField.UINT32,
-    '<u2': PointField.UINT16,
-    '|u1': PointField.UINT8,
-}
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class Cloud:
 
     stamp: int
     sent: int
-    points: NDArray[np.void]
+    points: Rows
     topic: str = TOPIC
     frame: str = FRAME
 
@@ -56,7 +47,6 @@ class Truth:
 
     points: int
     causes: dict[Cause, int]
-    kinds: dict[Kind, int]
 
     @property
     def outliers(self) -> int:
@@ -64,7 +54,7 @@ class Truth:
         return self.points - self.causes[Cause.GOOD]
 
 
-def clouds(drive: Drive, lines_per_message: int = 10) -> Iterator[tuple[int, NDArray[np.void]]]:
+def clouds(drive: Drive, lines_per_message: int = 10) -> Iterator[tuple[int, Rows]]:
     """Yield the time of each cloud's first shot (nanoseconds) and its points, in order.
 
     The points do not depend on ``lines_per_message``; a cloud without echoes is empty.
@@ -102,7 +92,7 @@ def messages(
         yield cut(end)
 
 
-def to_message(stamp: int, points: NDArray[np.void], frame: str = FRAME) -> PointCloud2:
+def to_message(stamp: int, points: Rows, frame: str = FRAME) -> PointCloud2:
     """Make a cloud of points."""
     columns: Mapping[str, Any] = points.dtype.fields or {}
     return PointCloud2(
@@ -110,7 +100,7 @@ def to_message(stamp: int, points: NDArray[np.void], frame: str = FRAME) -> Poin
         height=1,
         width=len(points),
         fields=[
-            PointField(name, offset, DATATYPES[dtype.str], 1)
+            PointField(name, offset, DATATYPES[dtype.str[1:]], 1)
             for name, (dtype, offset, *_) in columns.items()
         ],
         is_bigendian=False,
@@ -156,7 +146,7 @@ def write(
     name = PointCloud2.__msgtype__
     definition, _ = store.generate_msgdef(name, ros_version=2)
     channels: dict[str, Topic] = {}
-    causes, kinds = np.zeros(256, np.int64), np.zeros(256, np.int64)
+    causes = np.zeros(256, np.int64)
     with NewBag(bag) as recording:
         for cloud in made:
             if cloud.topic not in channels:
@@ -167,10 +157,5 @@ def write(
             data = bytes(store.serialize_cdr(message, name))
             recording.write(channels[cloud.topic], cloud.sent, data)
             causes += np.bincount(cloud.points['label'], minlength=256)
-            kinds += np.bincount(cloud.points['surface'], minlength=256)
             progress(cloud)
-    return Truth(
-        int(causes.sum()),
-        {cause: int(causes[cause]) for cause in Cause},
-        {kind: int(kinds[kind]) for kind in Kind},
-    )
+    return Truth(int(causes.sum()), {cause: int(causes[cause]) for cause in Cause})

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world import caster
 from lidar_outlier_lab.simulation.world.surfaces import Surface
@@ -30,12 +30,9 @@ class Rays:
 
     Attributes
     ----------
-    origin, direction : (3, N, K) float64
-        Metres; directions have length one.
-    t : (N,) float64
-        Seconds since the start of the drive, for what moves.
-    reach : float
-        Metres that the rays of a bundle stay within of its centre.
+    origin, direction : (3, N, K) metres; directions have length one
+    t : (N,) seconds since the start of the drive, for what moves
+    reach : metres that the rays of a bundle stay within of its centre
 
     """
 
@@ -70,21 +67,18 @@ class Hits:
 
     Attributes
     ----------
-    distance : (N, K) float64
-        Metres; inf where nothing was met.
-    cosine : (N, K) float64
-        Of the angle of incidence.
-    surface : (N, K) int64
-        Index into the scene's surfaces; -1 where nothing was met.
-    part : (N, K) int64
-        Which part of it: 0 to 2, a face that is normal to this axis; 3, any other; 4 more, a pane.
+    distance : (N, K) metres; inf where nothing was met
+    cosine : (N, K) of the angle of incidence
+    surface : (N, K) int64, index into the scene's surfaces; -1 where nothing was met
+    part : (N, K) int64, which part of it: 0 to 2, a face that is normal to this axis; 3, any other;
+        4 more, a pane
 
     """
 
     distance: Floats
     cosine: Floats
-    surface: NDArray[np.int64]
-    part: NDArray[np.int64]
+    surface: Ints
+    part: Ints
 
 
 @dataclass(frozen=True)
@@ -106,13 +100,13 @@ class Scene:
         return np.array([thing.reflectance for thing in self.surfaces] + [0.0])
 
     @cached_property
-    def kinds(self) -> NDArray[np.uint8]:
+    def kinds(self) -> Bytes:
         """Kind of each surface, and of none; of its panes (S + 1, 2)."""
         kinds = [(thing.kind, thing.pane) for thing in self.surfaces]
         return np.array([*kinds, (Kind.AIR, Kind.AIR)], np.uint8)
 
     @cached_property
-    def causes(self) -> NDArray[np.uint8]:
+    def causes(self) -> Bytes:
         """Cause of points on each surface, and on none (S + 1,)."""
         return np.array([thing.cause for thing in self.surfaces] + [Cause.GOOD], np.uint8)
 

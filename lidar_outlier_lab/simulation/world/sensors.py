@@ -4,11 +4,11 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
@@ -28,24 +28,20 @@ class Echoes:
 
     Attributes
     ----------
-    distance : (N,) float64
-        Metres without noise; inf where no echo was strong enough.
-    cosine : (N,) float64
-        Of the angle of incidence.
-    surface : (N,) int64
-        Index of the surface met nearest to the distance; -1 without echo.
-    part : (N,) int64
-        Part of that surface, as in :class:`Hits`.
-    mixed : (N,) bool
-        The echo lies between surfaces that the footprint hit together, and on neither.
+    distance : (N,) metres without noise; inf where no echo was strong enough
+    cosine : (N,) of the angle of incidence
+    surface : (N,) int64, index of the surface met nearest to the distance; -1 without echo
+    part : (N,) int64, part of that surface, as in :class:`Hits`
+    mixed : (N,) bool, the echo lies between surfaces that the footprint hit together, and on
+        neither
 
     """
 
     distance: Floats
     cosine: Floats
-    surface: NDArray[np.int64]
-    part: NDArray[np.int64]
-    mixed: NDArray[np.bool_]
+    surface: Ints
+    part: Ints
+    mixed: Bools
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,25 +50,18 @@ class Receiver:
 
     Attributes
     ----------
-    noise, noise_per_metre : float
-        Standard deviation of a range at no range and normal incidence, metres, and by how much it
-        grows with each metre.
-    noise_of_spread : float
-        Adds this much of the range over which a leaning surface spreads the footprint.
-    resolution : float
-        Ranges are rounded to multiples of it, metres; 0: they are not.
-    aperture, divergence : float
-        Radius of the beam at the scanner, metres, and by how much it grows with each metre.
-    sub_rays : int
-        Rays on the rim of a footprint, beside the one in its centre.
-    pulse : float
-        Returns closer together than this are one echo, metres.
-    keeps_mixed : bool
-        False: an echo of several surfaces is seen in the form of its pulse, and none is given.
-    nearest, farthest : float
-        Ranges that are measured, metres.
-    weakest : float
-        Least reflectance × cosine of incidence ÷ range² that gives an echo.
+    noise, noise_per_metre : standard deviation of a range at no range and normal incidence, metres,
+        and by how much it grows with each metre
+    noise_of_spread : adds this much of the range over which a leaning surface spreads the footprint
+    resolution : ranges are rounded to multiples of it, metres; 0: they are not
+    aperture, divergence : radius of the beam at the scanner, metres, and by how much it grows with
+        each metre
+    sub_rays : rays on the rim of a footprint, beside the one in its centre
+    pulse : returns closer together than this are one echo, metres
+    keeps_mixed : False: an echo of several surfaces is seen in the form of its pulse, and none is
+        given
+    nearest, farthest : ranges that are measured, metres
+    weakest : least reflectance × cosine of incidence ÷ range² that gives an echo
 
     """
 
@@ -102,17 +91,15 @@ class Receiver:
         """Return the standard deviation of a range, which grows with it and with the incidence."""
         lean = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(cosine, 0.01)
         spread = self.noise_of_spread * self.footprint(distance) * lean
-        sigma: Floats = np.hypot(self.noise + self.noise_per_metre * distance, spread)
-        return sigma
+        return np.hypot(self.noise + self.noise_per_metre * distance, spread)
 
     def measure(self, distance: Floats) -> Floats:
         """Round ranges as the scanner does."""
         if self.resolution == 0.0:
             return distance
-        rounded: Floats = np.rint(distance / self.resolution) * self.resolution
-        return rounded
+        return np.rint(distance / self.resolution) * self.resolution
 
-    def is_seen(self, distance: Floats, strength: Floats) -> NDArray[np.bool_]:
+    def is_seen(self, distance: Floats, strength: Floats) -> Bools:
         """Return whether echoes from a range, so much of the light coming back, are measured."""
         inside = (distance >= self.nearest) & (distance <= self.farthest)
         return inside & (strength >= self.weakest * np.where(inside, distance, 0.0) ** 2)
@@ -126,13 +113,9 @@ class Receiver:
         safe = np.where(share > 0.0, distance, 0.0)
         off = np.abs(hits.distance - safe[:, None])
         nearest = off.argmin(axis=1)[:, None]
-        apart, cosine, bright = (
-            np.take_along_axis(values, nearest, axis=1)[:, 0]
-            for values in (off, hits.cosine, reflectance)
-        )
-        surface, part = (
-            np.take_along_axis(values, nearest, axis=1)[:, 0]
-            for values in (hits.surface, hits.part)
+        values: tuple[Any, ...] = off, hits.cosine, reflectance, hits.surface, hits.part
+        apart, cosine, bright, surface, part = (
+            np.take_along_axis(one, nearest, axis=1)[:, 0] for one in values
         )
         seen = self.is_seen(safe, share * bright * cosine)
         mixed = seen & (apart > 3.0 * self.range_sigma(safe, cosine))
@@ -221,22 +204,22 @@ class ProfileScanner(Receiver):
         line = [('line', '<u4')] if self.numbers_lines else []
         return np.dtype([*FIRST, ('scan_angle', '<f4'), *line, *TRUTH])
 
-    def seconds(self, shot: NDArray[np.int64]) -> Floats:
+    def seconds(self, shot: Ints) -> Floats:
         """Seconds from the first shot to others."""
         return shot.astype(np.float64) * (self.interval / SECOND)
 
-    def note(self, points: NDArray[np.void], shot: NDArray[np.int64]) -> None:
+    def note(self, points: Rows, shot: Ints) -> None:
         """Write what the scanner itself knows of its shots into their points."""
         points['scan_angle'] = self.angle(shot)
         if self.numbers_lines:
             points['line'] = shot // self.shots_per_line
 
-    def angle(self, shot: NDArray[np.int64]) -> Floats:
+    def angle(self, shot: Ints) -> Floats:
         """Scan angle of shots counted from the start of the drive, 0 (up) to 2π."""
         step = 2.0 * np.pi / self.shots_per_line
         return step * (shot % self.shots_per_line).astype(np.float64)
 
-    def bundle(self, shot: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def bundle(self, shot: Ints) -> tuple[Floats, Floats]:
         """Origins and directions (3, N, 1 + sub_rays) from the scanner, vehicle's frame."""
         axis, up, side = self._axes()
         angle = self.angle(shot)
@@ -282,7 +265,7 @@ class LaserScanner(Receiver):
         """Lines per second."""
         return SECOND / (self.shots_per_line * self.interval)
 
-    def seconds(self, shot: NDArray[np.int64]) -> Floats:
+    def seconds(self, shot: Ints) -> Floats:
         """Seconds from the first shot to others."""
         return shot * self.interval / SECOND
 
@@ -296,12 +279,9 @@ class SpinningScanner(LaserScanner):
 
     Attributes
     ----------
-    elevation : (rings,) tuple of float
-        Of each ring, rad.
-    columns : int
-        Of a turn.
-    column_time : int
-        Nanoseconds; a whole number of them for each laser.
+    elevation : (rings,) tuple of float, of each ring, rad
+    columns : of a turn
+    column_time : nanoseconds; a whole number of them for each laser
 
     """
 
@@ -346,11 +326,11 @@ class SpinningScanner(LaserScanner):
         """Fields of a point."""
         return np.dtype([*FIRST, ('ring', '<u2'), *TRUTH])
 
-    def note(self, points: NDArray[np.void], shot: NDArray[np.int64]) -> None:
+    def note(self, points: Rows, shot: Ints) -> None:
         """Write what the scanner itself knows of its shots into their points."""
         points['ring'] = shot % self.rings
 
-    def bundle(self, shot: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def bundle(self, shot: Ints) -> tuple[Floats, Floats]:
         """Origins and directions (3, N, 1 + sub_rays) from the scanner, in its own frame."""
         turned = (shot % self.shots_per_line) / self.shots_per_line
         azimuth, up = np.pi - 2.0 * np.pi * turned, np.array(self.elevation)[shot % self.rings]

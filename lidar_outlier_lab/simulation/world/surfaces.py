@@ -27,14 +27,10 @@ class Surface:
 
     Attributes
     ----------
-    row : (caster.WIDTH,) float64
-        Its numbers for the kernels.
-    kind, pane : Kind
-        What it is, and what its windows are.
-    reflectance : float
-        Share of the light that comes back at normal incidence, 0 to 1.
-    cause : Cause
-        Why points on it are outliers; GOOD: they are not outliers.
+    row : (caster.WIDTH,) its numbers for the kernels
+    kind, pane : what it is, and what its windows are
+    reflectance : share of the light that comes back at normal incidence, 0 to 1
+    cause : why points on it are outliers; GOOD: they are not outliers
 
     """
 
@@ -81,16 +77,23 @@ def ground(
     return Surface(_row(caster.GROUND, rest, low, high), kind, 0.2)
 
 
+def _corners(a: Triple, b: Triple) -> tuple[Triple, Triple]:
+    """Low and high corner of a box, of any two opposite ones."""
+    low, high = zip(*map(sorted, zip(a, b, strict=True)), strict=True)
+    return low, high
+
+
 def box(
-    low: Triple, high: Triple, kind: Kind, reflectance: float = 0.4, velocity: Triple = STILL
+    a: Triple, b: Triple, kind: Kind, reflectance: float = 0.4, velocity: Triple = STILL
 ) -> Surface:
-    """Put up a box with its edges along the axes, from ``low`` to ``high``; it may move."""
+    """Put up a box with its edges along the axes between opposite corners; it may move."""
+    low, high = _corners(a, b)
     return Surface(_row(caster.BOX, (*low, *high), low, high, velocity), kind, reflectance)
 
 
 def building(  # noqa: PLR0913  the measures of its windows
-    low: Triple,
-    high: Triple,
+    a: Triple,
+    b: Triple,
     *,
     pane: Kind = Kind.FACADE,
     reflectance: float = 0.4,
@@ -101,13 +104,13 @@ def building(  # noqa: PLR0913  the measures of its windows
     open_every: int = 4,
     all_around: bool = False,
 ) -> Surface:
-    """Put up a box whose walls along the street have recessed windows, some of them open.
+    """Put up a box between opposite corners, with recessed windows along the street, some open.
 
     Cells of ``pitch`` by ``storey`` metres hold one window each, ``recess`` deep. Through every
     ``open_every``-th a ray is lost inside; 0: all are closed. With ``all_around`` the walls across
     the street have windows too.
     """
-    sill = 0.9
+    sill, (low, high) = 0.9, _corners(a, b)
     rest = (*low, *high, pitch, storey, *window, sill, recess, open_every, float(all_around))
     row = _row(caster.BUILDING, rest, low, high)
     return Surface(row, Kind.FACADE, reflectance, pane=pane)

@@ -5,7 +5,6 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -14,20 +13,6 @@ from lidar_outlier_filter.errors import FilterError
 
 STEP = 0.001  # seconds: grid on which speeds are summed up to positions
 SLOPE_LENGTH = 1.5  # metres from the middle to an axle: turns heights of bumps into a lean
-
-
-class Path(Protocol):
-    """Where a vehicle is."""
-
-    @property
-    def mount(self) -> tuple[float, float, float]:
-        """Position of the scanner in the vehicle's frame, metres."""
-
-    def position(self, t: Floats) -> Floats:
-        """Position of the vehicle on the road (3, N), metres, at t (N,) seconds."""
-
-    def rotation(self, t: Floats) -> Floats:
-        """Rotation (3, 3, N) from the vehicle's frame to the scene's."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +52,12 @@ class Route:
 
     Attributes
     ----------
-    knots : ((t, speed, turn), ...)
-        Seconds, metres per second and rad per second (left is positive); speed and turn change
-        evenly between knots, and stay as they are after the last.
-    start : (x, y, heading)
-        Metres and rad, at the first knot's time.
-    bump : float
-        Metres that the road lifts and lowers the vehicle, three standard deviations or so.
-    tremble : float
-        Rad that the engine shakes it, also when it stands.
-    phase : float
-        Rad; shifts the bumps along the way.
+    knots : ((t, speed, turn), ...), seconds, metres per second and rad per second (left is
+        positive); speed and turn change evenly between knots, and stay as they are after the last
+    start : (x, y, heading), metres and rad, at the first knot's time
+    bump : metres that the road lifts and lowers the vehicle, three standard deviations or so
+    tremble : rad that the engine shakes it, also when it stands
+    phase : rad; shifts the bumps along the way
 
     """
 
@@ -139,8 +119,7 @@ class Route:
     def _height(self, way: Floats) -> Floats:
         """Height of the vehicle after a way of so many metres, metres."""
         long, short = np.sin(0.9 * way + self.phase), np.sin(2.3 * way + 3.0 * self.phase)
-        height: Floats = self.bump * (0.7 * long + 0.3 * short)
-        return height
+        return self.bump * (0.7 * long + 0.3 * short)
 
 
 def _sum_up(rate: Floats) -> Floats:

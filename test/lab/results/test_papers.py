@@ -20,7 +20,7 @@ from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.cli.results import PAPERS
-from lidar_outlier_lab.results.papers import kang, leslar, pirotti, pirotti_buses, roc
+from lidar_outlier_lab.results.papers import kang, leslar, pirotti, roc
 from lidar_outlier_lab.results.papers.methods import METHODS, count
 from lidar_outlier_lab.results.samples import Sample
 from lidar_outlier_lab.simulation.papers import aerial
@@ -132,7 +132,7 @@ def test_off_the_line() -> None:
     xyz = np.zeros((50, 3))
     xyz[:, 0] = np.arange(50)
     xyz[20, 1] = 3.0
-    off = pirotti_buses.with_line(Neighbourhood(xyz, 10), 10)[pirotti_buses.OFF]
+    off = pirotti.with_line(Neighbourhood(xyz, 10), 10)[pirotti.OFF]
     assert off[20] == pytest.approx(3.0)
     assert np.delete(off, 20).max() < 1.0
 

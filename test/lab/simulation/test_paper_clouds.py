@@ -15,12 +15,11 @@ from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.results.papers import sotoodeh_hod
-from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
 from lidar_outlier_lab.simulation.papers import surface_truth, tripod
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, simulate
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
-from lidar_outlier_lab.simulation.world.drive import Block, Returns, merge
-from lidar_outlier_lab.simulation.world.recording import POINT
+from lidar_outlier_lab.simulation.world.drive import Block, Returns, about, exactly, gather, merge
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
 GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
 
@@ -30,7 +29,7 @@ GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
 
 def returns(shots: list[int], labels: list[Cause]) -> Returns:
     """Make points of shots, with x = shot."""
-    points = np.zeros(len(shots), POINT)
+    points = np.zeros(len(shots), ProfileScanner().point)
     points['x'], points['label'] = shots, labels
     return Returns(np.array(shots, np.int64), points)
 
@@ -61,7 +60,7 @@ def test_merge() -> None:
 )
 def test_exactly(points: int, outliers: int, shots: list[int]) -> None:
     """The first points stay; by lot as many of the good ones as said become outliers."""
-    shot, cloud = choose.exactly(BLOCK, points, outliers)
+    shot, cloud = exactly(BLOCK, points, outliers)
     assert shot.tolist() == CLEAN.shot[:points].tolist()
     assert cloud['x'].tolist() == shot.tolist()
     assert shot[cloud['label'] == SNOW].tolist() == shots
@@ -80,7 +79,7 @@ def test_exactly(points: int, outliers: int, shots: list[int]) -> None:
 )
 def test_about(share: float, shots: list[int]) -> None:
     """Shots at the sky make points that would not be; the share comes as near as it can."""
-    shot, cloud = choose.about(BLOCK, share)
+    shot, cloud = about(BLOCK, share)
     assert shot[cloud['label'] == SNOW].tolist() == shots
 
 
@@ -88,22 +87,22 @@ def test_shares_that_cannot_be_are_refused() -> None:
     """Below what the scene itself makes, or above all that were disturbed."""
     for points, outliers in ((8, 0), (8, 5), (4, 3)):
         with pytest.raises(FilterError, match=r'the share must be from .* here, got'):
-            choose.exactly(BLOCK, points, outliers)
+            exactly(BLOCK, points, outliers)
     for share in (0.1, 0.6):
         with pytest.raises(FilterError, match=r'the share must be from 0.125000 to 0.555556 here'):
-            choose.about(BLOCK, share)
+            about(BLOCK, share)
 
 
 def test_a_drive_is_cast_until_there_are_points_enough() -> None:
     """The share done is said; a drive with too few points is refused."""
     drive = replace(demo_drive(), lines=100)
     done: list[float] = []
-    some, whole = choose.gather(drive, 15_000, done.append).clean, choose.gather(drive).clean
+    some, whole = gather(drive, 15_000, done.append).clean, gather(drive).clean
     assert done[-1] == 1.0
     assert 15_000 <= len(some.shot) < 30_000 < len(whole.shot)
     np.testing.assert_array_equal(whole.points[: len(some.shot)], some.points)
     with pytest.raises(FilterError, match='the points of the drive must be at least 90000, got'):
-        choose.gather(drive, 90_000)
+        gather(drive, 90_000)
 
 
 # Clusters of 656 points, and the steps on their picture -------------------------------------------
