@@ -32,8 +32,6 @@ def add_bench(commands: Commands) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_lab.results.bench import run
 
-    return run(Console(), options.write)
+    return run(options.write)

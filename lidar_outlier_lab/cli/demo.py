@@ -34,8 +34,6 @@ def add_demo(commands: Commands) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_lab.results.demo import run
 
-    return run(options.output, Console())
+    return run(options.output)

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE, stoppable_bar
+from lidar_outlier_filter.cli.terminal import DONE, show, stoppable_bar
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.presets import PRESETS
 
@@ -104,8 +104,6 @@ def add_results(commands: Commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     from tempfile import TemporaryDirectory
 
-    from rich.console import Console
-
     from lidar_outlier_lab.results import markdown
 
     for module in ('matplotlib', 'PIL'):
@@ -117,7 +115,6 @@ def _run(options: argparse.Namespace) -> int:
     options.sections = options.sections or [
         name for name in SECTIONS if not (options.quick and name == 'papers')
     ]
-    console = Console()
     with stoppable_bar('results', lines=True) as progress:
         for number, name in enumerate(options.sections):
             # Before the first step there are imports, simulations and compilation.
@@ -129,12 +126,12 @@ def _run(options: argparse.Namespace) -> int:
                 for index, (part, text) in enumerate(texts.items()):
                     one = page / f'{part}.md' if name == 'papers' else page
                     markdown.write(one, part, text, () if index else pictures)
-            console.print(f'{name} written to {page}', markup=False, highlight=False)
+            show(f'{name} written to {page}')
     return DONE
 
 
 def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_lab.results.contest_page import section
+    from lidar_outlier_lab.results.contest import section
 
     return section(options.presets, options.seeds, options.full, progress)
 

@@ -14,6 +14,7 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
     read_parameters,
+    show,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import FilterError
@@ -87,8 +88,6 @@ def add_train(commands: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lidar_outlier_filter.disk.new_files import check_new, new_output
 
     import_module('sklearn')  # before the work
@@ -104,22 +103,18 @@ def _run(options: argparse.Namespace) -> int:
         text, threshold, tables = train(options, progress)
     with new_output(output) as built:
         built.write_text(text, encoding='utf-8')
-    console = Console()
-    for table in tables:
-        console.print(table)
-        console.print()
-    for line in (f'threshold: log-odds of {threshold:g}', f'written to {output}'):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    spaced = (part for table in tables for part in (table, ''))
+    show(*spaced, f'threshold: log-odds of {threshold:g}', f'written to {output}')
     return DONE
 
 
 def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
-    from lidar_outlier_lab.training.scenes import make_sweeps
+    from lidar_outlier_lab.training import scenes
     from lidar_outlier_lab.training.train import Recipe, train
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    sweeps = make_sweeps(recordings, scanners, options.seed, progress)
+    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress)
     about = _about([name for name, _ in recordings], [*scanners])
     recipe = Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
@@ -188,28 +183,24 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]]]:
     """Read clean clouds of each sensor."""
-    from lidar_outlier_lab.training.scenes import (
-        CleanRecording,
-        has_pattern,
-        known_recordings,
-        read_sweeps,
-    )
+    from lidar_outlier_lab.training import scenes
     from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
     found: list[tuple[str, Sequence[Points]]] = []
     folder = _folder(options)
     if folder is not None:
-        known = known_recordings(folder / 'bags')
+        known = scenes.known_recordings(folder / 'bags')
         if not known:
             raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
-        found = [(recording.sensor, read_sweeps(recording)) for recording in known]
+        found = [(recording.sensor, scenes.read_sweeps(recording)) for recording in known]
         found += read_single_sweeps(folder)
     values = read_parameters(options.params, options.settings)
     found += [
-        (path.stem, read_sweeps(CleanRecording(path.stem, path, values))) for path in options.onto
+        (path.stem, scenes.read_sweeps(scenes.CleanRecording(path.stem, path, values)))
+        for path in options.onto
     ]
     for sensor, clouds in found:
-        if not all(map(has_pattern, clouds)):
+        if not all(map(scenes.has_pattern, clouds)):
             raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
     return found
 

@@ -17,8 +17,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
+from lidar_outlier_filter.cli.terminal import show
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.kernels.threads import cores
@@ -190,15 +190,15 @@ def coordinates(messages: list[Any]) -> Floats:
 # Tables, for the terminal and for a page
 
 
-def run(console: Console, page: Path | None = None) -> int:
+def run(page: Path | None = None) -> int:
     """Measure, print tables, and write them where a page is named; return the exit status."""
     messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
     with native_peers() as native:
         parts = [_conditions(native)]
         for title, table in _tables(messages, native):
             parts.append(f'## {title}\n\n{table}')
-            console.print(parts[-1], markup=False, highlight=False, soft_wrap=True)
-    console.print(parts[0], markup=False, highlight=False)
+            show(*parts[-1].splitlines())
+    show(parts[0])
     if page is not None:
         markdown.write(page, 'speed', markdown.paragraphs(*parts), command=COMMAND)
     return 0

@@ -9,15 +9,14 @@ from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Bools, Reals
+from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.results.peers import has_open3d, lof, open3d_cloud, rejected_but
 from lidar_outlier_lab.results.samples import Sample
 
-Judge = Callable[[NDArray[np.float64]], 'Judgement']
+Judge = Callable[[Floats], 'Judgement']
 
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
@@ -168,16 +167,16 @@ def missing() -> list[str]:
     return [name for module, name in packages.items() if find_spec(module) is None]
 
 
-def _open3d_sor(xyz: NDArray[np.float64]) -> Judgement:
+def _open3d_sor(xyz: Floats) -> Judgement:
     kept = open3d_cloud(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1]
     return Judgement(rejected_but(kept, len(xyz)), None)
 
 
-def _open3d_radius(xyz: NDArray[np.float64]) -> Judgement:
+def _open3d_radius(xyz: Floats) -> Judgement:
     kept = open3d_cloud(xyz).remove_radius_outlier(MIN_NEIGHBOURS, RADIUS)[1]
     return Judgement(rejected_but(kept, len(xyz)), None)
 
 
-def _sklearn_lof(xyz: NDArray[np.float64]) -> Judgement:
+def _sklearn_lof(xyz: Floats) -> Judgement:
     factor = lof(xyz, NEIGHBOURS)
     return Judgement(factor > FACTOR, factor)

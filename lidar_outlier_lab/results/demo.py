@@ -2,20 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The main job in one command: two simulated drives, filtered, scored and drawn."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from lidar_outlier_filter.cli.evaluate import read_recording
-from lidar_outlier_filter.core.annotations import Bools
+from lidar_outlier_filter.cli.terminal import Advance, progress_bar, show
+from lidar_outlier_filter.core.annotations import Bools, Rows
 from lidar_outlier_filter.core.points.points import is_return
-from lidar_outlier_filter.disk.new_files import replaced
+from lidar_outlier_filter.disk.new_files import replaced, writable
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, joined_clouds
@@ -43,9 +41,7 @@ SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.p
 FORMS: dict[str, Mapping[str, object]] = {'paper': {**SENSOR, **SMOOTHER}, 'default': SENSOR}
 
 
-def run(
-    output: Path, console: Console, drive: Drive | None = None, snow: Drive | None = None
-) -> int:
+def run(output: Path, drive: Drive | None = None, snow: Drive | None = None) -> int:
     """Simulate, filter, score and draw; everything is left in ``output``. Returns the exit status.
 
     The folder appears whole or not at all. One of an earlier demo is replaced.
@@ -53,7 +49,6 @@ def run(
     Parameters
     ----------
     output : folder to be made
-    console : where progress and results go
     drive : what a profile scanner does; None: four seconds through a street
     snow : what a sensor that spins does; None: three turns on the same street in snow
 
@@ -64,22 +59,36 @@ def run(
 
     """
     drive, snow = drive or demo_drive(), snow or snow_drive()
-    with _new_folder(output) as folder, _progress(console) as progress:
-        scanned = _filter(folder / DRIVE, drive, FORMS, progress)
-        with _step(progress, 'drawing'):
-            (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
-            form = list(FORMS)[-1]
-            picture.draw(*_points(folder / form), folder / PICTURE, form)
-            source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
-            text = page(gather(source, CAUSES, MAX_DRAWN))
-            (folder / PAGE).write_text(text, encoding='utf-8')
-        snowed = _filter(folder / SNOW, snow, {SNOW_FILTERED: {}}, progress, lines_per_message=1)
-        with _step(progress, 'drawing snow'):
-            turn = _points(folder / SNOW_FILTERED, number=snow.lines // 2)
-            picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
-    _report(console, drive, *scanned)
-    _report_snow(console, snow, *snowed)
-    _list(console, output)
+    with _new_folder(output) as folder, progress_bar('demo', lines=True) as advance:
+        scanned = _filter(folder / DRIVE, drive, FORMS, advance)
+        advance(0, 1, 'drawing')
+        (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
+        form = list(FORMS)[-1]
+        picture.draw(*_points(folder / form), folder / PICTURE, form)
+        source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
+        text = page(gather(source, CAUSES, MAX_DRAWN))
+        (folder / PAGE).write_text(text, encoding='utf-8')
+        snowed = _filter(folder / SNOW, snow, {SNOW_FILTERED: {}}, advance, lines_per_message=1)
+        advance(0, 1, 'drawing snow')
+        turn = _points(folder / SNOW_FILTERED, number=snow.lines // 2)
+        picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
+    seconds = drive.lines / drive.sensor.lines_per_second
+    show(
+        '',
+        f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {_said(scanned[0])}',
+        '',
+        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), along',
+        f'each scan line. default: by {", ".join(FilterParameters().chain)}.',
+        '',
+        summary(scanned[1]),
+        '',
+        f'Simulated {snow.lines} turns of a sensor that spins, on the same street in snow:',
+        _said(snowed[0]),
+        '',
+        summary({'default': snowed[1][SNOW_FILTERED]}),
+        '',
+        *_left(output),
+    )
     return 0
 
 
@@ -87,23 +96,27 @@ def _filter(
     bag: Path,
     drive: Drive,
     forms: Mapping[str, Mapping[str, object]],
-    progress: Progress,
+    advance: Advance,
     lines_per_message: int = 10,
 ) -> tuple[Truth, dict[str, Evaluation]]:
     """Record a drive, filter it in each form into a folder beside it, and score each."""
-    with _step(progress, f'simulating, {bag.name}') as show:
-        truth = record(
-            drive, bag, lines_per_message=lines_per_message, progress=lambda done: show(done, 1)
-        )
+
+    def simulating(done: float) -> None:
+        advance(round(100 * done), 100, f'simulating, {bag.name}')
+
+    truth = record(drive, bag, lines_per_message=lines_per_message, progress=simulating)
     results = {}
     for form, values in forms.items():
-        with _step(progress, f'filtering, {form}') as show:
-            replay(bag, bag.parent / form, parameters=values, progress=show)
-            results[form] = evaluate(read_recording(bag.parent / form), CAUSES)
+
+        def filtering(done: int, total: int, form: str = form) -> None:
+            advance(done, total, f'filtering, {form}')
+
+        replay(bag, bag.parent / form, parameters=values, progress=filtering)
+        results[form] = evaluate(read_recording(bag.parent / form), CAUSES)
     return truth, results
 
 
-def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void], Bools]:
+def _points(recording: Path, number: int | None = None) -> tuple[Rows, Bools]:
     """Read the points of a cloud, or of all, and whether each was rejected."""
     points, rejected = [], []
     with Recording(recording) as source:
@@ -116,34 +129,18 @@ def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void
     return np.concatenate(points), np.concatenate(rejected)
 
 
-def _progress(console: Console) -> Progress:
-    name = TextColumn('{task.description}')
-    return Progress(name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), console=console)
-
-
-@contextmanager
-def _step(progress: Progress, name: str) -> Iterator[Callable[[float, float], None]]:
-    """Show a step, which is done at the end; gives what shows how much of it is done."""
-    task = progress.add_task(name, total=None)
-    yield lambda done, total: progress.update(task, completed=done, total=total)
-    progress.update(task, total=1.0, completed=1.0)
-
-
 @contextmanager
 def _new_folder(output: Path) -> Iterator[Path]:
     """Give a hidden folder beside ``output`` that takes its name if all goes well."""
     output = output.absolute()
     _check(output)
-    try:
+    with writable(output):
         output.parent.mkdir(parents=True, exist_ok=True)
         with replaced(output) as new:
             new.mkdir()
             (new / MARKER).touch()
             yield new
             _check(output)
-    except OSError as err:
-        reason = err.strerror or err
-        raise RecordingError(f'the folder {output}', 'written in full', reason) from err
 
 
 def _check(output: Path) -> None:
@@ -155,41 +152,12 @@ def _check(output: Path) -> None:
         raise RecordingError('the output', must_be, f'{output}, which holds something else')
 
 
-def _report(console: Console, drive: Drive, truth: Truth, results: dict[str, Evaluation]) -> None:
-    seconds = drive.lines / drive.sensor.lines_per_second
-    _print(
-        console,
-        '',
-        f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {truth.points} points,',
-        f'{truth.outliers} ({100 * truth.outliers / max(truth.points, 1):.2f} %) of them outliers.',
-        '',
-        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), along',
-        f'each scan line. default: by {", ".join(FilterParameters().chain)}.',
-        '',
-    )
-    console.print(summary(results))
-
-
-def _report_snow(
-    console: Console, drive: Drive, truth: Truth, results: dict[str, Evaluation]
-) -> None:
+def _said(truth: Truth) -> str:
     share = 100 * truth.outliers / max(truth.points, 1)
-    _print(
-        console,
-        '',
-        f'Simulated {drive.lines} turns of a sensor that spins, on the same street in snow:',
-        f'{truth.points} points, {truth.outliers} ({share:.2f} %) of them outliers.',
-        '',
-    )
-    console.print(summary({'default': results[SNOW_FILTERED]}))
-    console.print()
+    return f'{truth.points} points, {truth.outliers} ({share:.2f} %) of them outliers.'
 
 
-def _print(console: Console, *lines: str) -> None:
-    console.print('\n'.join(lines), soft_wrap=True, highlight=False)
-
-
-def _list(console: Console, output: Path) -> None:
+def _left(output: Path) -> Iterator[str]:
     """Say what is left, and how to go on."""
     left = {
         PAGE: 'the page: open it in a browser',
@@ -202,10 +170,9 @@ def _list(console: Console, output: Path) -> None:
         PARAMETERS: 'the parameters; change them and try again:',
     }
     width = max(len(str(output / name)) for name in left)
-    _print(console, *(f'{output / name!s:{width}}  {text}' for name, text in left.items()))
+    yield from (f'{output / name!s:{width}}  {text}' for name, text in left.items())
     files = f'{output / DRIVE} --params {output / PARAMETERS}'
-    command = f'scripts/environment lidar-outlier-filter replay {files}'
-    _print(console, f'{"":{width}}  {command}')
+    yield f'{"":{width}}  scripts/environment lidar-outlier-filter replay {files}'
 
 
 def summary(results: Mapping[str, Evaluation]) -> Table:
@@ -218,15 +185,12 @@ def summary(results: Mapping[str, Evaluation]) -> Table:
         ('F1', [run.whole.f1 for run in runs]),
     ):
         table.add_row(name, *map(percent, figures), style='bold')
-    for name, wholes, parts in (
-        ('outliers found', [run.whole.recall for run in runs], [run.causes for run in runs]),
-        (
-            'good points lost',
-            [run.whole.false_rejections for run in runs],
-            [run.surfaces for run in runs],
-        ),
+    for name, share, of in (
+        ('outliers found', 'recall', 'causes'),
+        ('good points lost', 'false_rejections', 'surfaces'),
     ):
-        table.add_row(name, *map(_of, wholes))
+        table.add_row(name, *(_of(run.whole.share(share)) for run in runs))
+        parts = [getattr(run, of) for run in runs]
         for part in dict.fromkeys(part for one in parts for part in one):
             cells = (_of(one.get(part, Share(0, 0))) for one in parts)
             table.add_row(f'  {part}', *cells, style='dim')

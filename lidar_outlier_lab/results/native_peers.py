@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Bools
+    from lidar_outlier_filter.core.annotations import Bools, Singles
 
 SOURCE = 'native_peers.cpp'
 LIBRARIES = tuple(f'pcl_{name}' for name in ('filters', 'search', 'kdtree', 'common'))
@@ -51,25 +51,21 @@ class NativePeers:
                 function = getattr(library, name)
                 function.argtypes, function.restype = (xyz, *arguments, rejected), None
 
-    def _run(self, name: str, xyz: NDArray[np.float32], *arguments: object) -> Bools:
+    def _run(self, name: str, xyz: Singles, *arguments: object) -> Bools:
         rejected = np.zeros(len(xyz), np.uint8)
         getattr(self._library, name)(xyz, *arguments, rejected)
         return rejected.view(np.bool_)
 
-    def sor(self, xyz: NDArray[np.float32], count: int, deviations: float) -> Bools:
+    def sor(self, xyz: Singles, count: int, deviations: float) -> Bools:
         """Run PCL's SOR; ``count`` neighbours, the point itself among them, as in Open3D."""
         return self._run('pcl_sor', xyz, len(xyz), count - 1, deviations)
 
-    def dror(self, xyz: NDArray[np.float32], others: int, radius: float, factor: float) -> Bools:
+    def dror(self, xyz: Singles, others: int, radius: float, factor: float) -> Bools:
         """Run DROR on PCL's kd-tree: ``others`` within a radius, or within a part of the range."""
         return self._run('pcl_dror', xyz, len(xyz), others, radius, factor)
 
     def rings(
-        self,
-        xyz: NDArray[np.float32],
-        azimuth: NDArray[np.float32],
-        distance: NDArray[np.float32],
-        ring: NDArray[np.uint16],
+        self, xyz: Singles, azimuth: Singles, distance: Singles, ring: NDArray[np.uint16]
     ) -> Bools:
         """Run Autoware's ring filter on points in the order of time; radians, metres."""
         return self._run('ring_filter', xyz, azimuth, distance, ring, len(xyz))

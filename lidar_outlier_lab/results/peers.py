@@ -37,23 +37,20 @@ def rejected_but(kept: Any, count: int) -> Bools:
 def distances(xyz: Floats, count: int, workers: int = 1) -> Floats:
     """Return the distances (N, count), metres, to so many nearest others, the nearest first."""
     distance, _ = cKDTree(xyz).query(xyz, count + 1, workers=workers)
-    found: Floats = np.asarray(distance)[:, 1:]
-    return found
+    return np.asarray(distance)[:, 1:]
 
 
 def sor(xyz: Floats, count: int, deviations: float) -> Bools:
     """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
     mean = distances(xyz, count - 1, workers=-1).mean(axis=1)
-    rejected: Bools = mean > mean.mean() + deviations * mean.std(ddof=1)
-    return rejected
+    return mean > mean.mean() + deviations * mean.std(ddof=1)
 
 
 def lof(xyz: Floats, count: int) -> Floats:
     """Return the factors of scikit-learn's LOF."""
     found = import_module('sklearn.neighbors').LocalOutlierFactor(count, n_jobs=-1)
     found.fit(xyz)
-    factor: Floats = -found.negative_outlier_factor_
-    return factor
+    return -found.negative_outlier_factor_
 
 
 def dror(third: Floats, reach: NDArray[Any], least: float) -> Floats:

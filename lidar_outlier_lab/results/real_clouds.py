@@ -15,10 +15,9 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.tuning.training import Training, read_training
-from lidar_outlier_lab.results.contest import Standing, score
-from lidar_outlier_lab.results.contest_page import details, leader
+from lidar_outlier_lab.results.contest import Standing, details, leader, score
 from lidar_outlier_lab.results.contestants import DEFAULT, OURS, Ours, peers
-from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table
+from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, share_of, table
 from lidar_outlier_lab.results.samples import Sample
 
 NOISE = Codes(frozenset({7, 18, 65}))  # LAS: low noise, high noise, IGN's artefacts
@@ -76,7 +75,8 @@ def _labelled(folder: Path, progress: Progress) -> str:
         f'{percent(standing.whole.false_rejections.ratio)} lost'
         for name, rows in found.items()
         for one, standing in rows.items()
-        if _reaches(standing)
+        if standing.whole.recall.ratio >= MIN_FOUND
+        and standing.whole.false_rejections.ratio <= MAX_LOST
     ]
     return paragraphs(
         'Airborne clouds whose classes name noise (7, 18) or artefacts (65), judged as a whole, as '
@@ -87,11 +87,6 @@ def _labelled(folder: Path, progress: Progress) -> str:
         leader(found, [DEFAULT], [one.name for one in everybody if one.name != DEFAULT]),
         details(found, [one.name for one in everybody]),
     )
-
-
-def _reaches(standing: Standing) -> bool:
-    whole = standing.whole
-    return whole.recall.ratio >= MIN_FOUND and whole.false_rejections.ratio <= MAX_LOST
 
 
 def recorded(path: Path, values: Mapping[str, object]) -> Training:
@@ -123,7 +118,6 @@ def _clean(folder: Path, progress: Progress) -> str:
 
 def _rejected(data: Training, one: Ours) -> str:
     try:
-        rejected = data.judge(one.parameters).rejected
+        return share_of(data.judge(one.parameters).rejected)
     except FilterError:
         return NOTHING
-    return percent(float(rejected.mean()))

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
 from lidar_outlier_filter.core.engine.chain import along_lines
 from lidar_outlier_filter.evaluation.judged import SURFACE
 from lidar_outlier_filter.evaluation.report import STRETCHES
@@ -34,22 +33,20 @@ class Sample:
     name : of the preset; with the topic, where it has several
     seed : that it was made of
     data : its points, and how they are judged: a recording in blocks, one cloud as a whole
-    code : (N,) int64
-        Cause of each outlier; 0 of good points.
+    code : (N,) int64, cause of each outlier; 0 of good points
     timed : whether its points have times, so that it has scan lines
     in_own_frame : whether its sensor is the origin, and each cloud a sweep that stands for itself
-    surface : (N,) uint8
-        What each point lies on, a :class:`Kind`; None where that is not known.
+    surface : (N,) uint8, what each point lies on, a :class:`Kind`; None where that is not known
 
     """
 
     name: str
     seed: int
     data: Training
-    code: NDArray[np.int64]
+    code: Ints
     timed: bool
     in_own_frame: bool
-    surface: NDArray[np.uint8] | None = None
+    surface: Bytes | None = None
 
     def suits(self, chain: Sequence[str]) -> bool:
         """Return whether all detectors of a chain can test it."""

@@ -13,9 +13,8 @@ from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.tuning.training import Training
-from lidar_outlier_lab.results import contest_page
-from lidar_outlier_lab.results.contest import Record, Standing, score, standings
-from lidar_outlier_lab.results.contest_page import Target
+from lidar_outlier_lab.results import contest
+from lidar_outlier_lab.results.contest import Record, Standing, Target, score, standings
 from lidar_outlier_lab.results.contestants import Judgement, ours, peer
 from lidar_outlier_lab.results.samples import Sample, simulated
 from lidar_outlier_lab.simulation import presets
@@ -122,7 +121,7 @@ def test_targets_beside_others() -> None:
         assert target.met(standing, [other, unknown]) is met
         assert target._replace(tuned=False).met(standing, [other])
     both = [record(name, (90, 10, 0, 900), 'street-64') for name in ('x', 'y')]
-    text = contest_page.targets(standings(both), 'x', ['y'])
+    text = contest.targets(standings(both), 'x', ['y'])
     assert '| street-64 (rain) | 0.950 |' in text
     assert text.endswith('| **no** |')
 
@@ -131,16 +130,16 @@ def test_where_others_are_better() -> None:
     """It is said where another leads the best of ours."""
     found = standings([record('mine', (8, 2, 0, 90)), record('peer', (9, 1, 0, 90))])
     beaten = '* leslar-b: mine 0.889; peer 0.947'
-    assert contest_page.leader(found, ['mine'], ['peer']) == beaten
-    assert contest_page.leader(found, ['peer'], ['mine']) == 'Nowhere in this run.'
+    assert contest.leader(found, ['mine'], ['peer']) == beaten
+    assert contest.leader(found, ['peer'], ['mine']) == 'Nowhere in this run.'
 
 
 def test_tables() -> None:
     """What did not compete is a dash, or left out; nothing rejected is an F1 of 0."""
     other = Record('kang-urban', 'y', 1, np.array([[10, 0, 0, 90]]), math.nan, 1.0)
     found = standings([record('x', (0, 10, 0, 90)), other])
-    text = contest_page.sheet(found, ['y', 'x', 'z'], 'F1', contest_page._f1, is_best_bold=True)
+    text = contest.sheet(found, ['y', 'x', 'z'], 'F1', contest._f1, is_best_bold=True)
     assert text.splitlines()[0] == '| F1 | leslar-b | kang-urban |'
     assert text.splitlines()[2:] == ['| y | – | **1.000** |', '| x | **0.000** | – |']
     row = '| y | 1 | 100.00 % | 100.00 % | 1.000 | – | 0.00 % | – | 1.0 |'
-    assert row in contest_page.details(found, ['y'])
+    assert row in contest.details(found, ['y'])
