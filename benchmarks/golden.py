@@ -103,28 +103,20 @@ def few(name: str, parameters: FilterParameters) -> Points:
     return points.take(valid[np.isin(points.line[valid], lines)][:FEW])
 
 
-def of_few(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
-    """Hash the verdicts of all chains on few points of real recordings."""
+def of_recordings(
+    names: tuple[str, ...], threads: int = 0, *, only_few: bool = False
+) -> dict[str, str]:
+    """Hash the verdicts of all chains on real recordings, or on few points of each."""
     found = {}
     for name in names:
-        for chain, values in CHAINS.items():
-            parameters = FilterParameters().changed({**values, 'threads': threads})
-            points = few(name, parameters)
-            found[f'{name}, {FEW} points, {chain}'] = digest(stream([points], parameters))
-    return found
-
-
-def of_recordings(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
-    """Hash the verdicts of all chains on real recordings."""
-    found = {}
-    for name in names:
+        title = f'{name}, {FEW} points' if only_few else name
         for chain, values in CHAINS.items():
             parameters = FilterParameters().changed({**values, 'threads': threads})
             if chain == 'quadric patches' and name not in SMALL:
                 continue
-            verdicts = stream(list(recording(name, parameters)), parameters)
-            found[f'{name}, {chain}'] = digest(verdicts)
-            print(f'{name}, {chain}: {found[f"{name}, {chain}"]}', flush=True)
+            clouds = [few(name, parameters)] if only_few else list(recording(name, parameters))
+            found[f'{title}, {chain}'] = digest(stream(clouds, parameters))
+            print(f'{title}, {chain}: {found[f"{title}, {chain}"]}', flush=True)
     return found
 
 
@@ -172,7 +164,7 @@ def main() -> int:
         return _by(arguments.python)
     threads = arguments.threads
     print(f'Python {sys.version.split()[0]}, NumPy {np.__version__}, numba {numba.__version__}')
-    found = of_few(small, threads)
+    found = of_recordings(small, threads, only_few=True)
     if not arguments.few:
         found |= of_recordings(small, threads)
     if not (arguments.small or arguments.few):

@@ -52,44 +52,6 @@ SETTINGS: dict[str, dict[str, dict[str, str]]] = {
 }
 
 
-class RosSide:
-    """One of two processes, with ROS."""
-
-    def __init__(self, kind: str) -> None:
-        """Make a node."""
-        import rclpy
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-
-        rclpy.init(args=[])
-        self._node = rclpy.create_node('side')
-        self._quality = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy[kind.upper()])
-
-    def send(self, size: int, count: int) -> None:
-        """Publish clouds, as a sensor does."""
-        from sensor_msgs.msg import PointCloud2
-
-        publisher = self._node.create_publisher(PointCloud2, TOPIC, self._quality)
-        msg = PointCloud2(height=1, width=size // POINT, point_step=POINT, row_step=size)
-        msg.data = os.urandom(size)
-        until(publisher.get_subscription_count)
-        time.sleep(REST)
-        for _ in due(count):
-            publisher.publish(msg)
-        time.sleep(REST)
-
-    def listen(self) -> int:
-        """Count clouds, as bytes, until the sensor goes."""
-        import rclpy
-        from sensor_msgs.msg import PointCloud2
-
-        came: list[bytes] = []
-        self._node.create_subscription(PointCloud2, TOPIC, came.append, self._quality, raw=True)
-        until(lambda: self._node.count_publishers(TOPIC))
-        while self._node.count_publishers(TOPIC):
-            rclpy.spin_once(self._node, timeout_sec=0.2)
-        return len(came)
-
-
 def until(is_so: Callable[[], object]) -> None:
     """Wait until the other side is found."""
     end = time.monotonic() + FOUND
@@ -124,12 +86,31 @@ def lost(setting: Mapping[str, str], size: int, count: int, kind: str) -> float:
 
 
 def be_side(size: str, count: str, kind: str, role: str) -> None:
-    """Be one of the two processes."""
-    side = RosSide(kind)
+    """Be one of the two processes: publish as a sensor does, or count clouds until it goes."""
+    import rclpy
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import PointCloud2
+
+    rclpy.init(args=[])
+    node = rclpy.create_node('side')
+    quality = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy[kind.upper()])
     if role == 'send':
-        side.send(int(size), int(count))
-    else:
-        print(side.listen())
+        publisher = node.create_publisher(PointCloud2, TOPIC, quality)
+        width = int(size) // POINT
+        msg = PointCloud2(height=1, width=width, point_step=POINT, row_step=int(size))
+        msg.data = os.urandom(int(size))
+        until(publisher.get_subscription_count)
+        time.sleep(REST)
+        for _ in due(int(count)):
+            publisher.publish(msg)
+        time.sleep(REST)
+        return
+    came: list[bytes] = []
+    node.create_subscription(PointCloud2, TOPIC, came.append, quality, raw=True)
+    until(lambda: node.count_publishers(TOPIC))
+    while node.count_publishers(TOPIC):
+        rclpy.spin_once(node, timeout_sec=0.2)
+    print(len(came))
 
 
 def middleware() -> str:

@@ -110,18 +110,14 @@ def judge_sweep(judged: Judged, sweep: Sweep) -> None:
 
 def cells(kind: str, judged: Judged, best: dict[str, int]) -> Iterator[str]:
     """Write F1, and good points lost in brackets, of everybody; of dry air what is lost."""
-    for counts in judged.ours.values():
-        f1 = np.mean([one.f1 for one in counts])
-        lost = np.mean([one.false_rejections.ratio for one in counts])
-        yield f'{100 * lost:.2f} %' if kind == CLEAN else f'{f1:.2f} ({100 * lost:.2f} %)'
+    pairs = [
+        [(one.f1, one.false_rejections.ratio) for one in some] for some in judged.ours.values()
+    ]
     for peer, rows in judged.peers.items():
-        if kind == CLEAN:
-            yield f'{100 * np.mean([one.lost[best[peer]] for one in rows]):.2f} %'
-        else:
-            tops = [one.f1.argmax() for one in rows]
-            f1 = np.mean([one.f1[top] for one, top in zip(rows, tops, strict=True)])
-            lost = np.mean([one.lost[top] for one, top in zip(rows, tops, strict=True)])
-            yield f'{f1:.2f} ({100 * lost:.2f} %)'
+        tops = [best[peer] if kind == CLEAN else one.f1.argmax() for one in rows]
+        pairs.append([(one.f1[top], one.lost[top]) for one, top in zip(rows, tops, strict=True)])
+    for f1, lost in (np.mean(some, axis=0) for some in pairs):
+        yield f'{100 * lost:.2f} %' if kind == CLEAN else f'{f1:.2f} ({100 * lost:.2f} %)'
 
 
 def rows_of(name: str, seeds: Sequence[int]) -> Iterator[list[str]]:

@@ -15,45 +15,39 @@ The peers take long; the default does not.
 
 # ruff: noqa: INP001, T201  a script, no package
 
-from __future__ import annotations
-
 import argparse
 import sys
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from real_snow_judges import PEERS, by_default, by_network, features, load_network  # noqa: E402
-from real_snow_sweeps import (  # noqa: E402
+from real_snow_judges import PEERS, by_default, by_network, features, load_network
+from real_snow_sweeps import (
     CLASSES,
     FORMS,
     RANGES,
     SNOW,
+    Figures,
+    Sweep,
+    Verdict,
     cloud,
     count,
     read_rings,
     read_sweeps,
 )
 
-from lidar_outlier_filter.evaluation.confusion import Confusion, Share  # noqa: E402
-from lidar_outlier_filter.evaluation.report import percent  # noqa: E402
-from lidar_outlier_lab.results.markdown import number, paragraphs, table, write  # noqa: E402
+from lidar_outlier_filter.evaluation.confusion import Confusion, Share
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_lab.results.markdown import number, paragraphs, table, write
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from real_snow_sweeps import Figures, Sweep, Verdict
-
-    Judged = dict[str, Figures]  # by judge
-    All = dict[str, Judged]  # by form
+Judged = dict[str, Figures]  # by judge
+All = dict[str, Judged]  # by form
 
 DEFAULT, NETWORK = 'default', '3D-OutDet'
 JUDGES = (DEFAULT, NETWORK, *PEERS)
-RINGS = Path(__file__).resolve().parent / 'pandar64.csv'
-PAGE = ROOT / 'doc' / 'results' / 'real_snow.md'
+HERE = Path(__file__).resolve().parent
+RINGS = HERE / 'pandar64.csv'
+PAGE = HERE.parent / 'doc' / 'results' / 'real_snow.md'
 SECTION, COMMAND = 'real-snow', 'benchmarks/real_snow.py'
 
 
@@ -172,7 +166,7 @@ def by_range(judged: Judged) -> str:
     names = [f'{low:g} to {high:g} m' for low, high in pairwise(RANGES)]
     rows = [[name] for name in (*names, f'from {RANGES[-1]:g} m')]
     for one in judged.values():
-        for row, counts in zip(rows, one.ranges, strict=True):
+        for row, counts in zip(rows, one.ranges.tolist(), strict=True):
             part = Confusion(*counts)
             row.append(f'{percent(part.recall.ratio)}, {percent(part.false_rejections.ratio)}')
     return table(('', *judged), rows)

@@ -17,12 +17,11 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from real_snow_sweeps import Sweep, Verdict
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import CloudFilter
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import curve
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
@@ -69,7 +68,7 @@ def by_default(clouds: Sequence[Sweep]) -> Verdict:
     return Verdict(rejected, seconds, '')
 
 
-def message(cloud: Sweep) -> NDArray[np.void]:
+def message(cloud: Sweep) -> Rows:
     """Lay out a cloud as Hesai's driver does, and number its points."""
     points = np.zeros(len(cloud), MESSAGE)
     for axis, column in zip('xyz', cloud.xyz.T, strict=True):
@@ -109,8 +108,7 @@ def _by_network(cloud: Sweep, network: Any) -> Bools:
             'indices': index.astype(np.int64),
         },
     )[0]
-    found: Bools = output[:, 1] > output[:, 0]
-    return found
+    return output[:, 1] > output[:, 0]
 
 
 class Features(NamedTuple):
@@ -207,28 +205,24 @@ def _ruled(
 def dror(seen: Features, multiple: float, least: float, count: float) -> Bools:
     """Reject what has fewer than so many points within a radius that grows with the range."""
     radius = np.maximum(least, multiple * SPACING * seen.flat)
-    found: Bools = seen.near[:, int(count) - 1] > radius
-    return found
+    return seen.near[:, int(count) - 1] > radius
 
 
 def lior(seen: Features, darkest: float, reach: float, radius: float, count: float) -> Bools:
     """Reject what is dark, near, and has fewer than so many points within a radius."""
     dark = (seen.intensity <= darkest) & (seen.range < reach)
-    found: Bools = dark & (seen.near[:, int(count) - 1] >= radius)
-    return found
+    return dark & (seen.near[:, int(count) - 1] >= radius)
 
 
 def three(seen: Features, darkest: float, reach: float, share: float) -> Bools:
     """Reject what is dark, near, and far from others for its range."""
     dark = (seen.intensity <= darkest) & (seen.range < reach)
-    found: Bools = dark & (scaled(seen) > share)
-    return found
+    return dark & (scaled(seen) > share)
 
 
 def scaled(seen: Features) -> Floats:
     """Return the mean distance to five others as a part of the range."""
-    found: Floats = seen.near[:, :AVERAGED].mean(axis=1) / seen.range
-    return found
+    return seen.near[:, :AVERAGED].mean(axis=1) / seen.range
 
 
 PEERS: dict[str, Callable[[Features], Verdict]] = {

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Confusion, tally
 
@@ -73,8 +73,8 @@ class Sweep:
 
     """
 
-    xyz: NDArray[np.float32]
-    intensity: NDArray[np.float32]
+    xyz: Singles
+    intensity: Singles
     label: NDArray[np.uint16]
     ring: NDArray[np.uint16]
     time: Ints
@@ -88,20 +88,17 @@ class Sweep:
     @property
     def copy(self) -> Bools:
         """Points of a second block that repeat the point of the first one, (N,) bool."""
-        found: Bools = self.source != np.arange(len(self))
-        return found
+        return self.source != np.arange(len(self))
 
     @property
     def snow(self) -> Bools:
         """Whether a point is of falling snow."""
-        found: Bools = self.label == SNOW
-        return found
+        return self.label == SNOW
 
     @property
     def range(self) -> Floats:
         """Distances from the sensor, metres."""
-        found: Floats = np.linalg.norm(self.xyz.astype(np.float64), axis=1)
-        return found
+        return np.linalg.norm(self.xyz.astype(np.float64), axis=1)
 
     def take(self, given: Bools) -> Sweep:
         """Choose points; of a copy, that which it is a copy of is chosen, too."""
@@ -170,7 +167,7 @@ def _numbers(path: Path, kind: str, columns: int) -> NDArray[np.generic]:
     return np.frombuffer(data, kind).reshape(-1, columns)
 
 
-def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Ints:
+def find_rings(xyz: Singles, rings: Rings, name: str) -> Ints:
     """Return the ring of each point by its elevation.
 
     Raises
@@ -192,7 +189,7 @@ def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Ints:
     return ring
 
 
-def find_shots(xyz: NDArray[np.float32], ring: Ints, rings: Rings) -> tuple[Ints, Bools]:
+def find_shots(xyz: Singles, ring: Ints, rings: Rings) -> tuple[Ints, Bools]:
     """Return the shot of each point, from 0, and whether it is of the second block of it.
 
     A shot begins where the azimuth goes on. Its second block begins where the ring does not rise.
@@ -259,12 +256,12 @@ class Figures:
     seconds: float
     setting: str
     classes: dict[int, tuple[int, int]]
-    ranges: tuple[tuple[int, int, int, int], ...]
+    ranges: Ints
 
     @property
     def whole(self) -> Confusion:
         """Found, missed, lost and kept points."""
-        return Confusion(*(sum(column) for column in zip(*self.ranges, strict=True)))
+        return Confusion(*self.ranges.sum(axis=0).tolist())
 
     @property
     def speed(self) -> float:
@@ -283,5 +280,4 @@ def count(clouds: Sequence[Sweep], verdict: Verdict) -> Figures:
         int(one): (int((label == one).sum()), int(rejected[label == one].sum()))
         for one in np.unique(label)
     }
-    rows = tuple((a, b, c, d) for a, b, c, d in ranges.tolist())
-    return Figures(len(clouds), verdict.seconds, verdict.setting, classes, rows)
+    return Figures(len(clouds), verdict.seconds, verdict.setting, classes, ranges)

@@ -18,13 +18,14 @@ from typing import Any
 
 import laspy
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_lab.results.markdown import paragraphs, table, write
-from lidar_outlier_lab.results.peers import distances
+from lidar_outlier_lab.results.peers import distances, sor
 from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import Sample, simulated
 
@@ -192,8 +193,7 @@ def by_peer(peer: str, xyz: Floats) -> Bools:
     """Reject as a filter does with its default settings."""
     if peer in SIGMAS:
         neighbours, sigmas = SIGMAS[peer]
-        mean = distances(xyz, neighbours).mean(axis=1)
-        return mean > mean.mean() + sigmas * mean.std(ddof=1)
+        return sor(xyz, neighbours + 1, sigmas)
     if peer == 'PDAL, radius':
         return distances(xyz, MIN_K)[:, -1] > RADIUS_M
     if peer == 'PDAL, elm':
@@ -221,16 +221,10 @@ def minima(xyz: Floats, cell: float, drop: float) -> Bools:
 
 def isolated(xyz: Floats, side: float, few: int) -> Bools:
     """Reject where 27 voxels hold at most ``few`` points."""
-    voxel = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
-    count = voxel.max(axis=0) + 2
-    step = np.array([count[1] * count[2], count[2], 1])
-    number, inverse, held = np.unique(voxel @ step, return_inverse=True, return_counts=True)
-    total = np.zeros(len(number), np.int64)
-    for offset in np.ndindex(3, 3, 3):
-        requested = number + (np.array(offset) - 1) @ step
-        at = np.minimum(np.searchsorted(number, requested), len(number) - 1)
-        total += np.where(number[at] == requested, held[at], 0)
-    return total[inverse] <= few
+    voxel = np.floor((xyz - xyz.min(axis=0)) / side)
+    taken, inverse = np.unique(voxel, axis=0, return_inverse=True)
+    held = cKDTree(voxel).query_ball_point(taken, 1.0, p=np.inf, return_length=True)
+    return held[inverse.ravel()] <= few
 
 
 PAGES = {

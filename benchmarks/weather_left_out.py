@@ -70,8 +70,7 @@ def held_out(sweeps: Sequence[Sweep], unseen: Sequence[str]) -> dict[str, Any]:
     begin = time.monotonic()
     result = train(sweeps, {}, Recipe(SEED, folds=FOLDS, unseen=unseen))
     print(unseen, f'{time.monotonic() - begin:.0f} s', result.held_out['weather'], flush=True)
-    weather: dict[str, Any] = result.held_out['weather']
-    return weather
+    return result.held_out['weather']
 
 
 def row(kind: str, known: dict[str, Any], unseen: dict[str, Any]) -> list[str]:

@@ -26,7 +26,7 @@ def golden() -> dict[str, Any]:
 def test_few_points(golden: dict[str, Any], threads: int) -> None:
     """Of all chains, whatever the number of threads."""
     known = json.loads(golden['GOLDEN'].read_text())
-    found = golden['of_few'](golden['SMALL'], threads)
+    found = golden['of_recordings'](golden['SMALL'], threads, only_few=True)
     assert len(found) == len(golden['SMALL']) * len(golden['CHAINS'])
     assert found == {name: known[name] for name in found}
 
