@@ -7,19 +7,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import DATATYPES, FORMATS, SCORE_FIELDS, laid_out
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Rows
-
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
 A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'

@@ -10,22 +10,16 @@ from __future__ import annotations
 
 import copy
 from array import array
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, REASON, SCORE
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Rows
+from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, REASON, SCORE, Verdict
 from lidar_outlier_filter.errors import CloudError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Rows
-    from lidar_outlier_filter.core.verdict import Verdict
-
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
 FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, Mask, mask_of, masked
 from lidar_outlier_filter.core.points.points import (
@@ -34,14 +37,7 @@ from lidar_outlier_filter.messages.cloud import (
     is_empty,
     structured,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,9 +34,6 @@ from lidar_outlier_filter.core.scan_pattern import recovered_rings
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.visibility import compile_watch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 SENSORS = ('profile', 'spinning')  # kinds of sensors, each with its own kernels
 COUNT = 128  # points of a sample: enough for every default detector

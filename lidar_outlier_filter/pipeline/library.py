@@ -4,28 +4,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, is_return, to_nanoseconds
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.pipeline import Pipeline
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from lidar_outlier_filter.core.verdict import Verdict
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
 FIELDS = ('time_field', 'line_field', 'angle_field', 'sigma_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'

@@ -8,20 +8,17 @@ Only the points that detectors see are moved. Published clouds keep their frame 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Generic, Protocol
+from typing import Any, Generic, Protocol
 
+from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.core.engine.stream_cloud import BEGINNING, AnyCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.statistics import CountsByReason
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.core.annotations import Bools
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 class PoseSource(Protocol):

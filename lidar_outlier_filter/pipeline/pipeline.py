@@ -4,33 +4,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.points.points import no_return
+from lidar_outlier_filter.core.points.points import Points, no_return
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.pipeline.compiling import is_ready, make_ready
-from lidar_outlier_filter.pipeline.motion import PoseQueue
+from lidar_outlier_filter.pipeline.motion import PoseQueue, PoseSource
 from lidar_outlier_filter.pipeline.statistics import Statistics
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from lidar_outlier_filter.core.engine.slow import SlowDetector
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.motion import PoseSource
 
 
 @dataclass(eq=False, kw_only=True)

@@ -7,14 +7,11 @@ from __future__ import annotations
 import copy
 from collections import Counter
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import bits, reasons
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.verdict import Verdict
 
 MAX_REASONS = 50  # far more than there are
 OTHER_REASONS = 'other reasons'

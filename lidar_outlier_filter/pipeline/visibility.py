@@ -11,18 +11,15 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.kernels.kernels import kernel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.parameters.node import HealthLimits
+from lidar_outlier_filter.parameters.node import HealthLimits
 
 SECTORS = 24  # from the x axis on, against the clock
 BANDS = (0.0, 5.0, 15.0, 30.0)  # metres: begin there

@@ -4,29 +4,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations, reasons
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.report.steps import above, exceeded
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
-    from lidar_outlier_filter.core.detectors.declaration import Detector
-    from lidar_outlier_filter.core.detectors.scores import Scores
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.report.steps import Slider
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report.steps import Slider, above, exceeded
 
 NEAR = 0.8  # points with a larger score are explained
 MAX_IN_BLOCK, MAX_IN_CLOUD = 2000, 20_000  # explained points of a block, and of a whole cloud

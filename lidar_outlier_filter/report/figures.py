@@ -4,31 +4,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.core.points.mask import COLUMNS
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.points.mask import COLUMNS, Mask
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.confusion import Confusion, curve
 from lidar_outlier_filter.evaluation.plots import DPI, FRAME, INK, draw_roc, dress, save
+from lidar_outlier_filter.files.judged_file import JudgedFile
+from lidar_outlier_filter.report.gather import Gathered
 from lidar_outlier_filter.report.page import near_origin
-from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, SCORE_BINS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from matplotlib.axes import Axes
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.points.mask import Mask
-    from lidar_outlier_filter.files.judged_file import JudgedFile
-    from lidar_outlier_filter.report.gather import Gathered
-    from lidar_outlier_filter.report.steps import Counts
-    from lidar_outlier_filter.report.worst import RejectedGroup, Worst
+from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, SCORE_BINS, Counts
+from lidar_outlier_filter.report.worst import RejectedGroup, Worst
 
 REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'  # pages: assets/style.css
 BELOW, ABOVE = OUTLIER, REJECTED

@@ -4,15 +4,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import (
+    Bools,
+    Bytes,
+    Floats,
+    Ints,
+    Progress,
+    Rows,
+    Singles,
+)
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.evaluation.labels import Codes
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.chains import NEAR, ExplainingChain, SharedInputs
 from lidar_outlier_filter.report.points import RECORDED, fill, thin
+from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
 from lidar_outlier_filter.report.steps import (
     BAD,
     GOOD,
@@ -25,22 +37,6 @@ from lidar_outlier_filter.report.steps import (
     all_values,
     choose_steps,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from lidar_outlier_filter.core.annotations import (
-        Bools,
-        Bytes,
-        Floats,
-        Ints,
-        Progress,
-        Rows,
-        Singles,
-    )
-    from lidar_outlier_filter.evaluation.labels import Codes
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
 
 STRETCH = SECOND // 10  # nanoseconds: shorter clouds within this time are one frame
 SHORT = STRETCH // 4

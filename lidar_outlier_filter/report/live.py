@@ -8,19 +8,17 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Rows, Words
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.chains import NEAR
 from lidar_outlier_filter.report.gather import SHORT, STRETCH
 from lidar_outlier_filter.report.points import LIVE, fill, intensity_limits, message, pack, thin
 from lidar_outlier_filter.report.sources import saved_columns
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Rows, Words
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 
 KEPT_SECONDS = 5.0  # of sensor time
 MAX_IN_FRAME = 20_000  # points of a frame that are drawn

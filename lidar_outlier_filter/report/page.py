@@ -9,13 +9,15 @@ import gzip
 import html
 import json
 import math
+from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.confusion import curve
@@ -23,6 +25,7 @@ from lidar_outlier_filter.parameters.declaration import MASK, MASKED
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
 from lidar_outlier_filter.report.chains import features
+from lidar_outlier_filter.report.gather import Gathered
 from lidar_outlier_filter.report.points import (
     intensity_limits,
     message,
@@ -30,16 +33,8 @@ from lidar_outlier_filter.report.points import (
     reason_numbers,
     reason_texts,
 )
-from lidar_outlier_filter.report.sources import SAVED
-from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.report.gather import Gathered
-    from lidar_outlier_filter.report.sources import SourceFacts
-    from lidar_outlier_filter.report.steps import Counts, Slider
+from lidar_outlier_filter.report.sources import SAVED, SourceFacts
+from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, Counts, Slider
 
 # The modules of a page, by the names under which they import each other.
 MODULES = {

@@ -13,25 +13,21 @@ the sliders that reject it (21 bits), then the rank of its scan line in the fram
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Rows, Singles, Words
 from lidar_outlier_filter.core.detectors.registry import reasons
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.messages.cloud import first_numbers
 from lidar_outlier_filter.report.chains import NEAR, STRONGEST
 from lidar_outlier_filter.report.steps import BITS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Rows, Singles, Words
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
 
 # What a live page keeps of a point, and what a recorded page keeps beside it.
 LIVE = [

@@ -10,26 +10,23 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter.core.detectors.registry import rejecting
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.declaration import shown
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.live import KEPT_SECONDS, MAX_IN_FRAME, LiveClouds
 from lidar_outlier_filter.report.page import constants, live_page, slider_facts
 from lidar_outlier_filter.report.steps import all_values
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 HERE = '127.0.0.1'
 MAX_REQUEST = 1 << 16  # bytes of a request to set parameters

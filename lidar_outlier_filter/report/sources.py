@@ -4,12 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bytes, Ints
 from lidar_outlier_filter.core.engine.blocks import Blocks
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.points import SECOND
@@ -18,19 +23,9 @@ from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.message_times import MessageTimes
-from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bytes, Ints
-    from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud, RecordedClouds
 
 # Columns that a page shows of a point and saves, and their names in clouds, in small letters.
 SAVED = {

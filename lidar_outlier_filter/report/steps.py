@@ -4,21 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.errors import ParameterError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.report.sources import ReportCloud
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report.sources import ReportCloud
 
 BITS = 21  # of a point, for the steps of all sliders
 MAX_FACTOR = 3.0  # the smallest critical value is the given one ÷ this

@@ -4,21 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints
 from lidar_outlier_filter.core.neighbours.duplicates import typical_scale
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from lidar_outlier_filter.core.annotations import Floats, Index, Ints
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+from lidar_outlier_filter.files.judged_file import JudgedFile
 
 MANY = 10  # points of a large group
 TOUCHING = 1.8  # cells apart, of the middles: √3 and a little

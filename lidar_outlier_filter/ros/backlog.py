@@ -6,16 +6,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+from lidar_outlier_filter.parameters.node import LoadParameters
 
-    from lidar_outlier_filter.parameters.node import LoadParameters
-
-    Command = Callable[[], object]
+Command = Callable[[], object]
 
 BUSY = 0.5  # pressure from which on there is too much; until nothing waits any more
 FULL = 0.75  # pressure at which even the smoother alone is too slow

@@ -5,39 +5,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.errors import CloudError, JudgingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
+from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
+from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import DelayClock, Worker
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rclpy.node import Node
-    from rclpy.subscription import Subscription
-
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.errors import CloudError, JudgingError
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.motion import PoseSource
-    from lidar_outlier_filter.pipeline.statistics import Statistics
-    from lidar_outlier_filter.ros.compiler import Compiler
-
-    Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message
+Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message
 
 # Messages kept while the executor is busy: the middleware replaces the oldest without a notice.
 INPUT_DEPTH, ODOMETRY_DEPTH = 50, 1000

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.kernels import kernel_cache
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.compiling import (
     Processes,
     is_ready,
@@ -18,11 +19,6 @@ from lidar_outlier_filter.pipeline.compiling import (
     make_ready,
     shares,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 class Compiler:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -13,14 +13,9 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.pipeline.visibility import UNSEEN, VIEWED
-from lidar_outlier_filter.ros.health import ERROR, OK, WARN
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.ros.channel import Channel
-    from lidar_outlier_filter.ros.health import Report
-    from lidar_outlier_filter.ros.live_parameters import TunableNode
+from lidar_outlier_filter.ros.channel import Channel
+from lidar_outlier_filter.ros.health import ERROR, OK, WARN, Report
+from lidar_outlier_filter.ros.live_parameters import TunableNode
 
 PERIOD = 1.0  # seconds
 LEVELS = {OK: DiagnosticStatus.OK, WARN: DiagnosticStatus.WARN, ERROR: DiagnosticStatus.ERROR}

@@ -9,21 +9,17 @@ holds the GIL. So rclpy reads only the other fields; the points are a view of th
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import CloudError, quote_error
+from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.topics import output_topics
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
-
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived

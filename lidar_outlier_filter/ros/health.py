@@ -9,22 +9,17 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.parameters.node import ERROR_LIMITS
+from lidar_outlier_filter.core.engine.slow import SlowDetector
+from lidar_outlier_filter.parameters.node import ERROR_LIMITS, HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import config_folder
 from lidar_outlier_filter.pipeline.statistics import Statistics
+from lidar_outlier_filter.pipeline.visibility import SensorView
 from lidar_outlier_filter.ros.backlog import Treatment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from lidar_outlier_filter.core.engine.slow import SlowDetector
-    from lidar_outlier_filter.parameters.node import HealthLimits
-    from lidar_outlier_filter.pipeline.visibility import SensorView
 
 OK, WARN, ERROR = 0, 1, 2
 # By the name that ROS has for a middleware. Fast DDS is that of Jazzy, where nobody chose another.

@@ -7,11 +7,13 @@ from __future__ import annotations
 import os
 from abc import abstractmethod
 from array import array
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -24,18 +26,10 @@ from std_srvs.srv import Trigger
 
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import ParameterError, quote_error
-from lidar_outlier_filter.parameters.declaration import did_you_mean, shown
+from lidar_outlier_filter.parameters.declaration import Parameter, did_you_mean, shown
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    from lidar_outlier_filter.parameters.declaration import Parameter
-    from lidar_outlier_filter.ros.channel import Channel
-
+from lidar_outlier_filter.ros.channel import Channel
 
 SAVED = '# Saved by ~/save_parameters. It overwrites this file only while this line is here.\n'
 NODE_TIMEOUT = 10.0  # seconds until a change that the node has not begun is withdrawn

@@ -6,14 +6,16 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import InvalidTopicNameException, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.expand_topic_name import expand_topic_name
-from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool
@@ -21,23 +23,13 @@ from std_srvs.srv import SetBool
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
-from lidar_outlier_filter.parameters.filter import installed
+from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.pipeline.topics import output_topics
-from lidar_outlier_filter.ros.channel import Channel
+from lidar_outlier_filter.ros.channel import Channel, Show
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from rclpy.context import Context
-    from rclpy.executors import Executor
-    from rclpy.lifecycle import LifecycleState
-
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.ros.channel import Show
 
 POINTS = 'points'
 SIGNAL_PERIOD = 0.1  # seconds between two polls for a signal: the middleware wakes for none

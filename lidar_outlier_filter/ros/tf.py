@@ -11,23 +11,19 @@ from __future__ import annotations
 import importlib
 import threading
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
-from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.motion import Odometry, PoseSource
 from lidar_outlier_filter.pipeline.statistics import CountsByReason
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.motion import PoseSource
 
 TF_DEPTH = 100  # messages, as tf2's own listener keeps
 MAX_FRAMES = 10_000

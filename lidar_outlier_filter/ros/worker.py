@@ -5,29 +5,21 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterable
 from time import perf_counter
-from typing import TYPE_CHECKING
 
-from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
-from lidar_outlier_filter.ros.endpoints import read_cloud
-from lidar_outlier_filter.ros.health import DROPPED
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from rclpy.clock import TimeJump
-    from rclpy.node import Node
-    from sensor_msgs.msg import PointCloud2
-
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
-    from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher
-    from lidar_outlier_filter.ros.health import Health
+from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, read_cloud
+from lidar_outlier_filter.ros.health import DROPPED, Health
 
 SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
 

@@ -61,6 +61,7 @@ OUTSIDE = {
     'lab.cli': ('numpy', 'rich'),
 }
 
+ANNOTATIONS = f'{PACKAGE}.core.annotations'
 HERE = ROOT / 'test/house/test_rooms.py'
 # Words that stood for others: feature, contribution, score, rng, reject, train.
 PRIVATE_WORDS = re.compile(
@@ -176,10 +177,13 @@ def test_only_the_command_line_knows_arguments() -> None:
 
 def type_aliases(module: Module) -> Iterator[tuple[str, str]]:
     """Give the names that a module has for types of its annotations, and what they stand for."""
-    for node in ast.walk(module.tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING':
-            aliases = [one for one in node.body if isinstance(one, ast.Assign)]
-            yield from ((ast.unparse(one.targets[0]), ast.unparse(one.value)) for one in aliases)
+    for node in module.tree.body:
+        guarded = isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING'
+        for one in node.body if guarded else [node]:
+            if isinstance(one, ast.Assign) and not isinstance(one.value, ast.Call):
+                name = ast.unparse(one.targets[0])
+                if re.fullmatch(r'_?([A-Z][a-z]+)+', name):
+                    yield name, ast.unparse(one.value)
 
 
 def test_no_alias_of_a_type_twice() -> None:
@@ -191,8 +195,8 @@ def test_no_alias_of_a_type_twice() -> None:
                 found[node.name].append(module.name)
         for name, meaning in type_aliases(module):
             found[name].append(module.name)
-            if meaning.startswith('NDArray['):
-                found[name].append(f'{PACKAGE}.core.annotations')
+            if meaning.startswith('NDArray[') and module.name != ANNOTATIONS:
+                found[name].append(ANNOTATIONS)
     assert not {name: where for name, where in found.items() if len(where) > 1}
 
 
