@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node: receiver, worker, publisher, live parameters, clocks, health, diagnostics."""
+"""The node: subscriptions, worker, publishers, live parameters, clocks, health, diagnostics."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""One topic in a node: receiver, worker, publisher."""
+"""One topic in a node: its subscriptions, worker and publishers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
@@ -42,7 +41,7 @@ MEGABYTE = 1e6
 
 
 class Channel:
-    """One input topic and its two outputs.
+    """One input topic, the odometry that it needs, and its two outputs.
 
     The constructor makes its publishers. ``start`` subscribes: clouds are received in the
     executor's thread, and filtered and published, in order, in a thread of their own.
@@ -70,7 +69,8 @@ class Channel:
         self._clock = DelayClock(node)
         self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
-        self.receiver = CloudReceiver(node, topic, self.worker, self.health, self._motion)
+        self._clouds: Subscription | None = None
+        self._odometry: Subscription | None = None
 
     @property
     def statistics(self) -> Statistics:
@@ -88,7 +88,7 @@ class Channel:
         self.worker.inbox.reopen()
         self.worker.ready.clear()
         self.worker.start(f'filter {self.topic}')
-        self.receiver.start()
+        self._subscribe_to_all()
 
     def change(self, parameters: FilterParameters) -> None:
         """Filter by other parameters from the next block on."""
@@ -118,7 +118,7 @@ class Channel:
 
     def close(self) -> None:
         """Receive no more; what was received is filtered, however much it is."""
-        self.worker.inbox.close(self.receiver.end())
+        self.worker.inbox.close(self._end())
 
     def finish(self) -> None:
         """Filter and publish all received clouds before the node ends."""
@@ -175,38 +175,19 @@ class Channel:
     def _log_warning(self, text: str) -> None:
         self._log.warning(f'{self.resolved}: {text}')
 
-
-class CloudReceiver:
-    """Subscribes to the clouds of one topic, and to the odometry that they need."""
-
-    def __init__(
-        self, node: Node, topic: str, worker: Worker, health: Health, motion: PoseSource | None
-    ) -> None:
-        """Pass clouds to ``worker`` and poses to ``motion``, once started."""
-        self._node = node
-        self._topic = topic
-        self._worker = worker
-        self._health = health
-        self._motion = motion
-        self._clouds: Subscription | None = None
-        self._odometry: Subscription | None = None
-
-    def start(self) -> None:
-        """Subscribe."""
+    def _subscribe_to_all(self) -> None:
         if self._motion is not None and self._motion.topic:
             self._odometry = self._subscribe(
                 Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
             )
-        create = partial(
-            self._subscribe, PointCloud2, self._topic, self.take, INPUT_DEPTH, raw=True
-        )
+        create = partial(self._subscribe, PointCloud2, self.topic, self.take, INPUT_DEPTH, raw=True)
         try:
             events = SubscriptionEventCallbacks(message_lost=self._lost)
             self._clouds = create(event_callbacks=events)
         except UnsupportedEventTypeError:  # by some middlewares
             self._clouds = create()
 
-    def end(self) -> list[Received]:
+    def _end(self) -> list[Received]:
         """Unsubscribe; return the clouds that were received and not served."""
         clouds, self._clouds = self._clouds, None
         odometry, self._odometry = self._odometry, None
@@ -218,8 +199,8 @@ class CloudReceiver:
 
     def take(self, data: bytes) -> None:
         """Put a serialised cloud into the inbox."""
-        self._worker.raise_failure()
-        self._health.missed(DROPPED, self._worker.inbox.put(self._noted(data)))
+        self.worker.raise_failure()
+        self.health.missed(DROPPED, self.worker.inbox.put(self._noted(data)))
 
     def _subscribe(
         self, kind: type, name: str, receive: Callable[[Any], object], depth: int, **options: Any
@@ -246,13 +227,13 @@ class CloudReceiver:
 
     def _noted(self, data: bytes) -> Received:
         """Count a cloud, and note when it was received."""
-        self._health.received()
-        return Received(data, self._worker.clock.now())
+        self.health.received()
+        return Received(data, self.worker.clock.now())
 
     def _take_pose(self, msg: Odometry) -> None:
         if self._motion is not None:
             self._motion.take(msg)
-            self._worker.inbox.wake()
+            self.worker.inbox.wake()
 
     def _lost(self, event: Any) -> None:
-        self._health.missed(LOST, event.total_count_change)
+        self.health.missed(LOST, event.total_count_change)

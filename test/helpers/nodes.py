@@ -201,7 +201,7 @@ class Sensor:
         publishers = (channel.publisher.cleaned, channel.publisher.outliers)
         # The filter's side knows of the sensor later than the sensor of the filter, and what it
         # does not know of it does not receive: it does not ask for clouds again.
-        clouds = channel.receiver._clouds
+        clouds = channel._clouds
         assert clouds is not None
         while not (
             clouds.get_publisher_count()
@@ -223,7 +223,7 @@ class Sensor:
 def receive(channel: Channel, msg: PointCloud2) -> None:
     """Let a channel that filters receive a cloud, as from the middleware."""
     assert channel.worker.ready.wait(TIMEOUT)
-    channel.receiver.take(serialize_message(msg))
+    channel.take(serialize_message(msg))
 
 
 def wait_for_kernels(node: OutlierFilterNode) -> None:

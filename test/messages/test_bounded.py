@@ -87,7 +87,7 @@ def test_bytes_that_are_no_cloud(ros: Ros) -> None:
     wait_for_kernels(node)
     go_on = hold_up(node)
     for _ in range(500):
-        channel.receiver.take(NO_CLOUD)
+        channel.take(NO_CLOUD)
     assert channel.waiting == 100
     go_on.set()
     wait_for_thread(node)

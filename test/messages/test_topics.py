@@ -28,10 +28,10 @@ def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
     node = ros.filter()
     node.start()
     channel = node.channels[0]
-    subscription = channel.receiver._clouds
+    subscription = channel._clouds
     assert subscription is not None
     (handler,) = (
-        item for item in subscription.event_handlers if item.callback == channel.receiver._lost
+        item for item in subscription.event_handlers if item.callback == channel._lost
     )
     for total, change in ((3, 3), (5, 2)):
         handler.callback(SimpleNamespace(total_count=total, total_count_change=change))

@@ -54,7 +54,7 @@ def test_the_end_while_the_filter_polls(ros: Ros, *, in_turn: bool) -> None:
     def end_meanwhile() -> list[SplitCloud]:
         channel._filter.advance = advance  # type: ignore[method-assign]
         channel.worker.inbox.order(lambda: done.append(True), in_turn=in_turn)
-        channel.worker.inbox.close([channel.receiver._noted(serialize_message(line(0.0)))])
+        channel.worker.inbox.close([channel._noted(serialize_message(line(0.0)))])
         return advance()
 
     channel._filter.advance = end_meanwhile  # type: ignore[method-assign]

@@ -122,7 +122,7 @@ def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=60.0, **reliable)
     sensor.publish(drive.clouds(drive.own)[0], expected=1)
     assert sensor._publisher.wait_for_all_acked()
-    clouds, destroy = node.channels[0].receiver._clouds, node.destroy_subscription
+    clouds, destroy = node.channels[0]._clouds, node.destroy_subscription
 
     def publish_and_destroy(subscription: object) -> bool:
         if subscription is clouds:
