@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,24 +20,12 @@ ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step
 A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'
 
 
-@dataclass
-class ArrayCloud:
-    """The points of a structured array, with the attributes of a PointCloud2.
+class ArrayCloud(SimpleNamespace):
+    """The points of a structured array, with the attributes of a PointCloud2 and its ``dtype``.
 
     Its ``fields`` are those of a type that PointCloud2 knows. The others, and the padding, are kept
     as bytes of the point. ``header.stamp`` is None where nobody gave one.
     """
-
-    header: Any
-    height: int
-    width: int
-    fields: list[Any]
-    is_bigendian: bool
-    point_step: int
-    row_step: int
-    data: Any  # (height · row_step,) uint8
-    dtype: np.dtype[np.void]  # of the array that was given
-    is_dense: bool = False
 
     @property
     def rows(self) -> Rows:
@@ -50,10 +37,11 @@ class ArrayCloud:
         return rows.reshape(self.height, self.width) if self.height > 1 else rows
 
     def _dtype(self) -> np.dtype[np.void]:
-        if self.point_step == self.dtype.itemsize:
-            return self.dtype
-        given: Any = self.dtype.fields
-        columns = {name: given[name][:2] for name in self.dtype.names or ()}
+        given: np.dtype[np.void] = self.dtype
+        if self.point_step == given.itemsize:
+            return given
+        fields: Any = given.fields
+        columns = {name: fields[name][:2] for name in given.names or ()}
         order = '>' if self.is_bigendian else '<'
         for item in self.fields[-len(SCORE_FIELDS) :]:
             columns[item.name] = (order + FORMATS[item.datatype], item.offset)
@@ -102,6 +90,7 @@ def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
         row_step=cloud.dtype.itemsize * width,
         data=np.ascontiguousarray(plain).reshape(-1).view(np.uint8),
         dtype=cloud.dtype,
+        is_dense=False,
     )
 
 

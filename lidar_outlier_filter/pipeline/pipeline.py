@@ -69,15 +69,7 @@ class Pipeline:
 
     Attributes
     ----------
-    statistics : Statistics
-        Counts since the start.
-    refuse : callable
-        Called with the error of a cloud that is refused after it was accepted.
-    fail : callable
-        Called with a detector's error, only the first from each line of code.
-    slow : callable
-        Called from another thread while a detector takes more than 10 × ``max_delay`` for a block,
-        for each such block; ``warn`` is called once for each detector.
+    statistics, refuse, fail, slow : see :class:`.CloudFilter`
     show : list of callable
         Each is called with each judged cloud and its message.
     pass_failed : bool
@@ -130,25 +122,10 @@ class Pipeline:
         stamp: int | np.integer[Any] | None = None,
         bypassed: str = '',
     ) -> list[SplitCloud]:
-        """Filter the next cloud; return the clouds that it completes, oldest first.
+        """Filter the next cloud, as :meth:`.CloudFilter.push` does.
 
-        Parameters
-        ----------
-        cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
-            With the fields x, y and z, metres. It must not change until it is returned.
-        tag : optional
-            Is returned with the split cloud.
-        stamp : int, optional
-            Reference of an array's relative times, nanoseconds. Absolute times need none.
-        bypassed : str, optional
-            The reason why the cloud is not filtered: all its points go to its cleaned cloud.
-
-        Raises
-        ------
-        CloudError
-            If the cloud is invalid. It is counted; ``advance`` returns the
-            clouds that its time completes. The next cloud is accepted.
-
+        ``bypassed`` is the reason why it is not filtered, if any: all its points go to its cleaned
+        cloud. Where it is refused, ``advance`` returns the clouds that its time completes.
         """
         with self._counted_refusals():
             msg = as_message(cloud, stamp)

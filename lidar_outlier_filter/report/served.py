@@ -15,7 +15,7 @@ from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter.core.detectors.registry import rejecting
@@ -58,28 +58,6 @@ class _RequestError(FilterError):
         self.status = status
 
 
-class RunningNode(Protocol):
-    """What the page reads of a node, and sets; from any thread."""
-
-    @property
-    def name(self) -> str:
-        """The full name."""
-
-    @property
-    def topics(self) -> list[str]:
-        """The inputs."""
-
-    @property
-    def parameters(self) -> FilterParameters:
-        """The parameters in force."""
-
-    def statuses(self) -> list[dict[str, object]]:
-        """Say what the diagnostics said last."""
-
-    def set(self, values: Mapping[str, str]) -> str:
-        """Set all or none; say why not."""
-
-
 class PageServer:
     """Serves the page of a node from a thread of its own.
 
@@ -89,8 +67,11 @@ class PageServer:
 
     """
 
-    def __init__(self, node: RunningNode, port: int = 0) -> None:
-        """Take a port of this machine; 0: any free one."""
+    def __init__(self, node: Any, port: int = 0) -> None:
+        """Take a port of this machine; 0: any free one.
+
+        Of the node its name, topics, parameters, statuses and set are used, from any thread.
+        """
         self.node = node
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self._clouds: dict[str, LiveClouds] = {}
