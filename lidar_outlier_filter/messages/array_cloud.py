@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A structured array as a PointCloud2, and back again, so that both go the same way."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any

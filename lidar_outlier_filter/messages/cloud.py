@@ -6,8 +6,6 @@ Messages are duck-typed: those of sensor_msgs and of rosbags serve alike. No mes
 changed.
 """
 
-from __future__ import annotations
-
 import copy
 from array import array
 from collections.abc import Mapping

@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a parameter is: its declaration as a field of a dataclass, and the check of a value."""
 
-from __future__ import annotations
-
 import errno
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from reprlib import Repr
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lidar_outlier_filter.errors import ParameterError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
 
 _SHORT = Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 30, 30, 10

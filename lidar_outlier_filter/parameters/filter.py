@@ -11,9 +11,10 @@ made from this file, from :mod:`.node`, and from what the installed detectors de
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import (
@@ -27,9 +28,6 @@ from lidar_outlier_filter.parameters.declaration import (
     walk,
 )
 from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
 
 OneSection = TypeVar('OneSection', bound=Section)
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of a node on a vehicle: motion, load, health."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from lidar_outlier_filter.errors import ParameterError

@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters as text: ROS parameter YAML, read and written, and the tables of the documentation."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import read_small
-from lidar_outlier_filter.parameters.filter import describe
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 NODE_NAME = 'outlier_filter_node'
 LARGEST_FILE = 1_000_000  # bytes

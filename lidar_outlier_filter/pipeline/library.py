@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python interface: ``detect_outliers`` for single clouds, ``CloudFilter`` for streams."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@
 Only the points that detectors see are moved. Published clouds keep their frame and their bytes.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace

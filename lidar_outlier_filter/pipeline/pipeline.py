@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of a cloud: message → points → blocks → verdict → cleaned and outliers. Without ROS."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of topics and types: what ROS 2 allows, and the output topics of an input topic."""
 
-from __future__ import annotations
-
 import re
 
 from lidar_outlier_filter.errors import RecordingError

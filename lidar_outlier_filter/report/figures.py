@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a report, of rejected groups of a file, and of a mask, drawn by Matplotlib."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The content of a report: points with scores, verdicts at every step, reasons, truth, counts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

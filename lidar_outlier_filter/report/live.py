@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last seconds of the clouds of one topic, thinned, for a page that asks for new ones."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from dataclasses import dataclass

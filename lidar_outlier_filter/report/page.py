@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page: one file with all its data, which needs no network; and the page of a running node."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html

@@ -10,8 +10,6 @@ without), number of the first detector that rejects it (4, 0: none), truth (2). 
 the sliders that reject it (21 bits), then the rank of its scan line in the frame (11, modulo).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache

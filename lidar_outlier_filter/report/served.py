@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a running node: served to this machine only, and only with its token."""
 
-from __future__ import annotations
-
 import json
 import secrets
 import socket

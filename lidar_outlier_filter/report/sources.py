@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the points of a report come from: a recording, or a file; judged as by other commands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The queue of clouds to be filtered, and its policy under overload. Knows no ROS."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -34,6 +32,12 @@ class Inbox:
     """Between the thread that receives and the one that filters: bounded, in order.
 
     Commands are done between two clouds: at once, or in their turn among the clouds.
+
+    Attributes
+    ----------
+    clouds, size : the clouds that wait, and their bytes
+    closed : whether nothing is expected any more
+
     """
 
     def __init__(self, load: LoadParameters) -> None:
@@ -42,23 +46,13 @@ class Inbox:
         self._changed = threading.Condition()
         self._items: deque[Received | Command] = deque()
         self._commands: deque[Command] = deque()
-        self._clouds = self._size = 0
-        self._woken = self._closed = False
-
-    @property
-    def clouds(self) -> int:
-        """Count the clouds that wait."""
-        return self._clouds
-
-    @property
-    def size(self) -> int:
-        """Count their bytes."""
-        return self._size
+        self.clouds = self.size = 0
+        self._woken = self.closed = False
 
     @property
     def fill(self) -> float:
         """Return how full it is: 1 is as full as it gets."""
-        return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
+        return max(self.clouds / self.load.clouds, self.size / (self.load.megabytes * 1e6))
 
     def put(self, item: Received) -> int:
         """Add a cloud; return how many were dropped for it, the oldest first.
@@ -67,10 +61,10 @@ class Inbox:
         """
         dropped = 0
         with self._changed:
-            if self._closed:
+            if self.closed:
                 return 1
             self._add(item)
-            while self._clouds > 1 and self.fill > 1:
+            while self.clouds > 1 and self.fill > 1:
                 dropped += self._drop_oldest()
             self._changed.notify()
         return dropped
@@ -95,17 +89,17 @@ class Inbox:
         with self._changed:
             for item in last:
                 self._add(item)
-            self._closed = True
+            self.closed = True
             if discard:
                 self._items.clear()
                 self._commands.clear()
-                self._clouds = self._size = 0
+                self.clouds = self.size = 0
             self._changed.notify()
 
     def reopen(self) -> None:
         """Take clouds again, once it is done."""
         with self._changed:
-            self._closed = False
+            self.closed = False
 
     @property
     def oldest(self) -> int | None:
@@ -114,15 +108,10 @@ class Inbox:
             return next((one.at for one in self._items if isinstance(one, Received)), None)
 
     @property
-    def closed(self) -> bool:
-        """Whether nothing is expected any more."""
-        return self._closed
-
-    @property
     def done(self) -> bool:
         """Whether it is closed and empty, read at one time."""
         with self._changed:
-            return self._closed and not (self._items or self._commands)
+            return self.closed and not (self._items or self._commands)
 
     def take(self, seconds: float | None) -> Received | Command | None:
         """Wait, for ``seconds`` at most, and return what comes next; None for nothing."""
@@ -136,8 +125,8 @@ class Inbox:
                 return None
             item = self._items.popleft()
             if isinstance(item, Received):
-                self._clouds -= 1
-                self._size -= len(item.data)
+                self.clouds -= 1
+                self.size -= len(item.data)
             return item
 
     def received_now(self, now: int) -> None:
@@ -148,12 +137,12 @@ class Inbox:
                     item.at = now
 
     def _is_due(self) -> bool:
-        return bool(self._items or self._commands or self._woken or self._closed)
+        return bool(self._items or self._commands or self._woken or self.closed)
 
     def _add(self, item: Received) -> None:
         self._items.append(item)
-        self._clouds += 1
-        self._size += len(item.data)
+        self.clouds += 1
+        self.size += len(item.data)
 
     def _drop_oldest(self) -> int:
         """Drop the oldest cloud; commands stay."""
@@ -161,8 +150,8 @@ class Inbox:
             (index, item) for index, item in enumerate(self._items) if isinstance(item, Received)
         )
         del self._items[index]
-        self._clouds -= 1
-        self._size -= len(oldest.data)
+        self.clouds -= 1
+        self.size -= len(oldest.data)
         return 1
 
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One topic in a node: its subscriptions, worker and publishers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial
@@ -65,7 +63,9 @@ class Channel:
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
         self._watch = SensorWatch()
-        self._filter.show.append(self._observe)
+        self._filter.show.append(
+            lambda cloud, _: self._watch.add(cloud, has_rings=self._filter.has_rings)
+        )
         self._clock = DelayClock(node)
         self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
@@ -88,7 +88,16 @@ class Channel:
         self.worker.inbox.reopen()
         self.worker.ready.clear()
         self.worker.start(f'filter {self.topic}')
-        self._subscribe_to_all()
+        if self._motion is not None and self._motion.topic:
+            self._odometry = self._subscribe(
+                Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
+            )
+        create = partial(self._subscribe, PointCloud2, self.topic, self.take, INPUT_DEPTH, raw=True)
+        try:
+            events = SubscriptionEventCallbacks(message_lost=self._lost)
+            self._clouds = create(event_callbacks=events)
+        except UnsupportedEventTypeError:  # by some middlewares
+            self._clouds = create()
 
     def change(self, parameters: FilterParameters) -> None:
         """Filter by other parameters from the next block on."""
@@ -136,9 +145,6 @@ class Channel:
         self.stop()
         self.publisher.destroy()
 
-    def _observe(self, cloud: StreamCloud, _msg: PointCloud2) -> None:
-        self._watch.add(cloud, has_rings=self._filter.has_rings)
-
     def _remarks(self) -> list[str]:
         remarks = []
         if self._compiler is not None and self._compiler.compiling:
@@ -174,18 +180,6 @@ class Channel:
 
     def _log_warning(self, text: str) -> None:
         self._log.warning(f'{self.resolved}: {text}')
-
-    def _subscribe_to_all(self) -> None:
-        if self._motion is not None and self._motion.topic:
-            self._odometry = self._subscribe(
-                Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
-            )
-        create = partial(self._subscribe, PointCloud2, self.topic, self.take, INPUT_DEPTH, raw=True)
-        try:
-            events = SubscriptionEventCallbacks(message_lost=self._lost)
-            self._clouds = create(event_callbacks=events)
-        except UnsupportedEventTypeError:  # by some middlewares
-            self._clouds = create()
 
     def _end(self) -> list[Received]:
         """Unsubscribe; return the clouds that were received and not served."""

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels are made ready in a thread beside the filter, and compiled in processes. Knows no ROS."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from functools import partial

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a node says how it is: /diagnostics to read, ~/statistics to plot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue

@@ -6,8 +6,6 @@ rclpy copies the points of a cloud three times while it
 holds the GIL. So rclpy reads only the other fields; the points are a view of the received bytes.
 """
 
-from __future__ import annotations
-
 import struct
 
 from rclpy.duration import Duration

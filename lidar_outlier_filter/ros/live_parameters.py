@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node's parameters: declared, checked, set while it runs, saved to a file and put back."""
 
-from __future__ import annotations
-
 import os
 from abc import abstractmethod
 from array import array

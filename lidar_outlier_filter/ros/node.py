@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node: parameters, a channel for each topic, services and diagnostics."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -200,7 +198,7 @@ class OutlierFilterNode(TunableNode):
             self._is_ready = True
             self.get_logger().info(ready_line(parameters, self.channels))
             for channel in self.channels:
-                channel.worker.kernels_are_ready()
+                channel.worker.between_clouds(channel.worker.ready.set)
 
     def _between_clouds(self, command: Callable[[], None]) -> None:
         for channel in self.channels[:1]:

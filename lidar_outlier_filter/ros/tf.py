@@ -6,8 +6,6 @@ A buffer of tf2 interpolates over any gap and looks up one time after the other.
 transform that moves is a track of poses, and points are moved along it at their own times.
 """
 
-from __future__ import annotations
-
 import importlib
 import threading
 from dataclasses import replace
@@ -121,8 +119,8 @@ class Tf:
                     moved, xyz=_moved_once(moved.xyz, _inverse(link) if is_inverse else link)
                 )
                 continue
-            go = _move_back if is_inverse else _move
-            moved, covered = go(replace(moved, valid=covered), link)
+            some = replace(moved, valid=covered)
+            moved, covered = _move_back(some, link) if is_inverse else link.move(some, NOWHERE)
         if not covered.any():
             return points, covered
         xyz = np.where(covered[:, np.newaxis], moved.xyz, points.xyz)
@@ -188,10 +186,6 @@ class Tf:
 def _pose(transform: Any) -> tuple[float, ...]:
     p, q = transform.transform.translation, transform.transform.rotation
     return (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-
-
-def _move(points: Points, track: Track) -> tuple[Points, Bools]:
-    return track.move(points, NOWHERE)
 
 
 def _move_back(points: Points, track: Track) -> tuple[Points, Bools]:

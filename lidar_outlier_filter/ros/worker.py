@@ -70,10 +70,6 @@ class Worker:
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def kernels_are_ready(self) -> None:
-        """Filter the clouds that come from now on."""
-        self.between_clouds(self.ready.set)
-
     @property
     def oldest(self) -> int | None:
         """When the cloud was received that has waited longest; None where none waits."""

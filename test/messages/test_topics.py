@@ -30,9 +30,7 @@ def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
     channel = node.channels[0]
     subscription = channel._clouds
     assert subscription is not None
-    (handler,) = (
-        item for item in subscription.event_handlers if item.callback == channel._lost
-    )
+    (handler,) = (item for item in subscription.event_handlers if item.callback == channel._lost)
     for total, change in ((3, 3), (5, 2)):
         handler.callback(SimpleNamespace(total_count=total, total_count_change=change))
     assert channel.health._missed['lost in transit'] == 5
