@@ -1,9 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Types that all rooms share: arrays by what they hold, and who shows how far work is.
-
-Imported for types only.
-"""
+"""Types that all rooms share: arrays by what they hold, and who shows how far work is."""
 
 from __future__ import annotations
 

@@ -5,20 +5,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.declaration import BITS, MASKED, MASKED_REASON
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.detectors.scores import Scores
-    from lidar_outlier_filter.core.points.points import Points
-
-    Part = slice | NDArray[np.intp] | NDArray[np.bool_]
+Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 # Columns that clouds and files gain.
 SCORE, DETECTORS, REASON = 'outlier_score', 'outlier_detectors', 'outlier_reason'

@@ -4,24 +4,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Allocate
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Allocate
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.points.scan_lines import Lines
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.scan_lines import Lines
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 Known = TypeVar('Known')
 POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds

@@ -37,21 +37,17 @@ so that low points do not pull the ground down. Under dense canopy this raises t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.detectors.builtin import Elevation
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 RISE_M, MAX_RISE_M = 0.3, 3.0
 PIT = 0.5  # metres

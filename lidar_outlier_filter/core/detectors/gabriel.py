@@ -16,17 +16,15 @@ square are edges, so that the graph is unique, but not part of any one Delaunay 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood, Tree
 from lidar_outlier_filter.core.neighbours.tree_walks import gap, height
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Index, Ints
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood, Tree
 
 CHUNK = 2048  # points that a thread takes at once
 PLANES = 64  # most that are kept for a point: those of the nearest candidates

@@ -40,25 +40,21 @@ other enlarge σ: in a street or a room it finds little more than phase 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.special import ndtri
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND_PHASE = 1 << 15  # bit beside its own: the second phase rejected the point
 MIN_SPREAD = 1e-3  # of the median

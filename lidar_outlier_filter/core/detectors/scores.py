@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.annotations import Floats
 
 
 @dataclass(frozen=True)

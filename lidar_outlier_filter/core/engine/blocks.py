@@ -16,26 +16,26 @@ instead of a verdict, and the next block is judged.
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Generic
+from collections.abc import Callable
+from typing import Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.engine.stream_cloud import BEGINNING, END, AnyCloud, between
-from lidar_outlier_filter.core.points.points import SECOND, concatenate
+from lidar_outlier_filter.core.engine.stream_cloud import (
+    BEGINNING,
+    END,
+    AnyCloud,
+    StreamCloud,
+    between,
+)
+from lidar_outlier_filter.core.points.points import SECOND, Points, concatenate
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, JudgingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    _Members = list[tuple[StreamCloud, slice | NDArray[np.intp]]]
+_Members = list[tuple[StreamCloud, slice | NDArray[np.intp]]]
 
 MAX_BLOCKS_PER_CLOUD = 10_000  # absurd times must not stall the stream
 AUTO_MESSAGES = 3  # messages that decide under `auto`: the very first sweep may be cut short

@@ -6,19 +6,15 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from lidar_outlier_filter.core.kernels import listeners
-from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND, Points
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from lidar_outlier_filter.core.points.points import Points
-
-    SaySlow = Callable[['SlowDetector'], object]
+SaySlow = Callable[['SlowDetector'], object]
 
 PERIOD_S = 0.1  # between two checks
 SLOW_FACTOR = 10.0  # × max_delay: a detector that takes longer for a block is slow

@@ -5,19 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.points.points import concatenate
+from lidar_outlier_filter.core.annotations import Ints
+from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.core.verdict import Verdict
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.errors import JudgingError
+from lidar_outlier_filter.errors import JudgingError
 
 BEGINNING = -(2**62)  # before any time, nanoseconds
 END = 2**62

@@ -4,27 +4,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Allocate
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, reads
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
+from lidar_outlier_filter.core.engine.slow import SaySlow
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS, recover_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Allocate
-    from lidar_outlier_filter.core.engine.slow import SaySlow
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 def check_chain(chain: Sequence[str], what: str, lack: str) -> None:

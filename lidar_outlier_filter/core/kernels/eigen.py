@@ -7,16 +7,12 @@ Those of several points side by side are (6, lanes); their rows are xx, yy, zz, 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.kernels.kernels import device_function
 
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-
-    Vector = tuple[float, float, float, float]  # and its squared length
+Vector = tuple[float, float, float, float]  # and its squared length
 
 SWEEPS = 40  # of Jacobi rotations; ten are plenty
 NEGLIGIBLE = 1e-31  # of the squares of a diagonal: what is beside it is below its rounding

@@ -21,12 +21,13 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
@@ -34,9 +35,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Event, Listener, register
 
 from lidar_outlier_filter.core.kernels import PORTABLE, listeners
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 CORE = Path(__file__).parents[1]

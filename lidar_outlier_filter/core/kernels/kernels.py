@@ -4,18 +4,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 from numba.core.compiler import Compiler
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, use_temporary_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
 MAX_PASSES = 8  # passes over the values before pivots are taken at pseudo-random indices

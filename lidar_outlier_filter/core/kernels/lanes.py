@@ -9,16 +9,11 @@ The length of innermost loops is that of an array, because the compiler unrolls 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Ints, Singles
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Ints, Singles
 
 LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
 

@@ -7,14 +7,12 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Result = TypeVar('Result')
 

@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import inspect
 import operator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numba import types
 from numba.core.cgutils import ir  # type: ignore[attr-defined]  # llvmlite's, which it brings
 from numba.extending import lower_builtin, models, register_model, type_callable
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Single
+from lidar_outlier_filter.core.annotations import Floats, Single
 
 WIDTH = 16  # elements: as many singles as fit into the largest register of any processor
 ROW, FEW_LANES, MANY_LANES = 12, 4, 8  # elements of a row, and those enough for a size up to that

@@ -9,19 +9,16 @@ order of the points nor tiles matter.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.threads import Result
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.kernels.threads import Result
 
 K = 8  # neighbours
 MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0

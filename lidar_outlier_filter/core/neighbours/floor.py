@@ -16,16 +16,14 @@ order of the points and tiles have no effect.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
 from lidar_outlier_filter.core.neighbours.duplicates import in_parts, typical_scale
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 
 SIDE = 2.0  # of a column, typical distances
 WIDER = 5  # columns to the side of a wide one

@@ -4,20 +4,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Allocate, Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.threads import Result
 from lidar_outlier_filter.core.neighbours import tree_search, tree_walks
 from lidar_outlier_filter.core.neighbours.tree_build import Tree, build, prune
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from lidar_outlier_filter.core.annotations import Allocate, Bools, Floats, Index, Ints
-    from lidar_outlier_filter.core.kernels.threads import Result
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 

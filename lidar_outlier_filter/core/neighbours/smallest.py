@@ -8,14 +8,10 @@ processor does fastest, several at a stroke. Then the few below are sorted, by c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 STROKE = 16  # distances are padded with inf to a multiple of it: loops without a remainder
 SURPLUS = 12  # distances that may be sorted although they are not among the k smallest

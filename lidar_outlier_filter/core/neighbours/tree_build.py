@@ -9,17 +9,14 @@ Maneewongvatana and Mount, "It's okay to be skinny, if your friends are fat", 19
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Allocate, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Allocate, Floats, Index, Ints
 
 LEAF = 24  # points
 SUBTREE = 1 << 15  # points that are sorted at one go, by one thread in its own cache

@@ -12,10 +12,11 @@ Distances are squared everywhere.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.smallest import (
     STROKE,
@@ -27,13 +28,15 @@ from lidar_outlier_filter.core.neighbours.smallest import (
     sort,
     tighten,
 )
-from lidar_outlier_filter.core.neighbours.tree_build import LEAF
-from lidar_outlier_filter.core.neighbours.tree_walks import gap, make_buffers, push, seen
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
-    from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_walks import Bounds, Buffers
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF, Tree
+from lidar_outlier_filter.core.neighbours.tree_walks import (
+    Bounds,
+    Buffers,
+    gap,
+    make_buffers,
+    push,
+    seen,
+)
 
 # What to expect of the next leaf: the mean distance of the k-th neighbours in the last one, times
 # this; and of the next point: the last one's, times that.

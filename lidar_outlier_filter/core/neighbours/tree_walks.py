@@ -9,18 +9,15 @@ is left out for a gap strictly greater than a bound could not have tied with it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
-from lidar_outlier_filter.core.neighbours.tree_build import LEAF
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF, Tree
 
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
-    from lidar_outlier_filter.core.neighbours.tree_build import Tree
-
-    Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner
+Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner
 
 HELD, HELD_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
 

@@ -4,12 +4,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 EACH = 32.0  # kept points of a cell on the map, about
 CHUNK = 1_000_000  # points in memory at once

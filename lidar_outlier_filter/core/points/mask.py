@@ -10,18 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.declaration import OFF, read_small
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COLUMNS = 720  # of the image: half a degree each, the first from 0° on, against the clock
 MAX_RINGS = 1024

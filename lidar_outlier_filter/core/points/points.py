@@ -4,20 +4,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Allocate
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.errors import CloudError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Allocate
 
 SECOND = 1_000_000_000  # nanoseconds
 NANOSECONDS = {'s': SECOND, 'us': 1000, 'ns': 1}

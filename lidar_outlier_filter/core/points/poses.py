@@ -8,16 +8,13 @@ import math
 import threading
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
 
 KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
 MAX_POSES = 200_000

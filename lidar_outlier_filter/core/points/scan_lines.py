@@ -5,16 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.points import Points
 
 # Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
 # of near points are rounded.

@@ -14,17 +14,14 @@ elevations of a ring are the same, which shows its height, and how it leaned.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import turning_rate
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
 
 SAMPLES = 64  # points of a ring that show where the sensor was
 MIN_RING_RETURNS, MIN_RINGS = 32, 4  # points of a ring, and rings, fewer show nothing

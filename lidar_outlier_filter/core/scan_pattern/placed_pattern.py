@@ -7,18 +7,14 @@ Phase is the angle that the head, or the mirror, has turned.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
-
 
 MAX_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line
 SAME_SHOT = 2e-5  # rad: nearer than that, two returns of a ring are of one beam

@@ -8,12 +8,12 @@ azimuth. Points may be in any frame: :mod:`.profile_scanner` finds the scanner's
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     OrderedLines,
@@ -32,10 +32,6 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     median_of,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
 
 MIN_LINES = 2
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.

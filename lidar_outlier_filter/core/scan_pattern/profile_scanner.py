@@ -16,19 +16,16 @@ which is linear in sin δ, cos δ and two products of them with s.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
 
 SAMPLES = 64  # returns of a line that show where the scanner is
 MIN_RETURNS = 32  # returns of a line, fewer show nothing

@@ -10,20 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, TURN, arctangent
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
 
 # The origin of the beams: lenses sit beside the axis, and frames begin below them, so near points
 # of a ring are not at its elevation. Seen from the right position, elevations lie closest together.

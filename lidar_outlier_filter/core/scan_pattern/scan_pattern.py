@@ -8,12 +8,14 @@ rings above and the two below. All rings are sorted by azimuth, so that one walk
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     SAME_SHOT,
@@ -27,10 +29,6 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     place,
     sort_lines,
 )
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
-    from lidar_outlier_filter.core.points.points import Points
 
 # Brightness is intensity ÷ the median of the same points at about the same range, because makers
 # give intensities in units of their own, with or without the range taken out.

@@ -14,10 +14,11 @@ and (16) is σ_k² + q.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kernels as smoother_kernels
@@ -33,20 +34,14 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     empty_series,
 )
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.scan_lines import Lines
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.core.points.scan_lines import Lines
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
+Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
 MIN_RESIDUALS = 10  # fewer of them in a line give no standard deviation
 MAD_TO_SIGMA = 1.4826  # median of |N(0, 1)| is 0.6745

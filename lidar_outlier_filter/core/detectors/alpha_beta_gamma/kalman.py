@@ -19,28 +19,25 @@ from __future__ import annotations
 
 from importlib import import_module
 from math import factorial, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     AFTER,
     BEFORE,
     CENTRED,
     SINGULAR,
     WEIGHT,
+    Series,
     T,
     X,
 )
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import ParameterError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import Series
-    from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 
 COORDINATES = 3
 

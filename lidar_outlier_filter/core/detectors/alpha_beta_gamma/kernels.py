@@ -10,18 +10,15 @@ other follows the links of one point at a time, past ends of segments and reject
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
-
-    Sums = tuple[float, ...]
+Sums = tuple[float, ...]
 
 CENTRED, BEFORE, AFTER = 0, 1, 2  # the windows of a point
 T, X, WEIGHT, RATE = 0, 1, 4, 5  # rows of the columns

@@ -8,15 +8,15 @@ of the question's feature. All contributions and the mean of the trees add up to
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    FoundPattern,
     first_pass,
     measure,
     prepare_all,
@@ -26,20 +26,16 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     PATTERN_MODEL,
     PROFILE_MODEL,
     SURVEY_MODEL,
+    TreeModel,
     contribute,
     load,
 )
 from lidar_outlier_filter.core.detectors.declaration import Contributions, Explanation, ReasonName
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
-    from lidar_outlier_filter.core.detectors.boosted_trees.trees import TreeModel
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.FAR}

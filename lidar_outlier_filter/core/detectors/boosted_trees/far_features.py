@@ -7,16 +7,18 @@ All lengths are divided by S, the median distance of the sixty to their own eigh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import near_features
 from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     MAX_VALUE,
     NARROW,
     SMOOTH,
+    Near,
     add_moments,
     copy_rows,
     gather,
@@ -29,10 +31,6 @@ from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
 from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.near_features import Near
 
 MAX_NEIGHBOURS, FEWER_NEIGHBOURS = 60, 20  # neighbours
 DENSE_RANK = 5  # rank of the neighbour that is dense, from 0

@@ -8,10 +8,8 @@ values are the same.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 # Of the window in the scan pattern. Lengths are divided by the spacing of the beams at that range.
 WINDOW = {

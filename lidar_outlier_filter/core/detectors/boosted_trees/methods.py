@@ -5,25 +5,22 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern, judge
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines, order_by_line
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 class Method(Enum):

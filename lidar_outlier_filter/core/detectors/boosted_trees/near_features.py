@@ -8,20 +8,17 @@ eighth: so features have no unit, and follow the density. z is expected to point
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR, rows
 from lidar_outlier_filter.core.kernels.eigen import eigenvalues, eigenvectors
 from lidar_outlier_filter.core.kernels.kernels import device_function, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort, sort_signed
 from lidar_outlier_filter.core.neighbours.duplicates import MIN_SCALE_M, K, number
-from lidar_outlier_filter.core.neighbours.floor import write_depth
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
-    from lidar_outlier_filter.core.neighbours.floor import Floor
+from lidar_outlier_filter.core.neighbours.floor import Floor, write_depth
 
 FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface

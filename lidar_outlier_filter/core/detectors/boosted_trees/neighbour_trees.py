@@ -10,10 +10,9 @@ floor of the whole cloud. Coincident points are judged as one: neighbours are at
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import far_features, near_features
 from lidar_outlier_filter.core.detectors.boosted_trees.far_features import (
     MAX_NEIGHBOURS,
@@ -37,11 +36,8 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.duplicates import K
+from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
-    from lidar_outlier_filter.core.neighbours.floor import Floor
 
 NO_VALUES = np.empty((0, 0), np.float32)
 AT_ONCE = 128 * LANES  # points that a thread takes at once

@@ -13,10 +13,11 @@ that only say where outliers are likely are no reason, nor are those that trees 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     PROFILE,
     REASON_NAMES,
@@ -64,9 +65,6 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     lines_at_once,
     spread,
 )
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Singles
 
 MORE = len(PROFILE)
 COUNT_ALL = len(WINDOW) + MORE + len(SECOND_PASS)

@@ -16,10 +16,12 @@ separates from a car that it nearly touches.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
@@ -37,6 +39,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     TWO,
     ZERO,
     F,
+    PatternWindow,
+    Prepared,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import COUNT
 from lidar_outlier_filter.core.kernels import threads as pool
@@ -61,13 +65,7 @@ from lidar_outlier_filter.core.kernels.vectors import (
     store,
     take,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow, Prepared
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 ROW = rows(PROFILE, COUNT)
 PAIRS = OWN + RINGS * AROUND

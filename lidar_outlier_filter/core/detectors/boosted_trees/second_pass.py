@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Index, Ints, Single, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
@@ -21,6 +22,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     TWO,
     ZERO,
     F,
+    PatternWindow,
     offset_of,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window_features import (
@@ -44,12 +46,7 @@ from lidar_outlier_filter.core.kernels.vectors import (
     store,
     take,
 )
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Index, Ints, Single, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH, Pattern
 
 ROW = rows(SECOND_PASS, COUNT)
 CLIP = F(4.0)

@@ -7,21 +7,18 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.kernels.vectors import WIDTH, repeat, select, store
 from lidar_outlier_filter.core.kernels.vectors import load as vector
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Singles
 
 VERSION = 1
 PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors

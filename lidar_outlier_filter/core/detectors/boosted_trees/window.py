@@ -8,10 +8,11 @@ the 2 rings above and 2 below. Returns that are too far in angle do not count.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Single, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import rows
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, kernel, noalias_kernel
@@ -29,9 +30,6 @@ from lidar_outlier_filter.core.kernels.vectors import (
     take,
 )
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, lines_at_once
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats, Index, Ints, Single, Singles
 
 OWN, OTHER = 5, 3  # returns on either side: in the point's ring, and in those beside it
 RINGS = 2  # rings above, and below

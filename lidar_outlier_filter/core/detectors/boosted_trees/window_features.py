@@ -8,8 +8,9 @@ next ring. :mod:`.window` defines windows.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from lidar_outlier_filter.core.annotations import Single, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     FAR,
@@ -24,6 +25,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     SUM,
     ZERO,
     F,
+    PatternWindow,
 )
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -40,11 +42,7 @@ from lidar_outlier_filter.core.kernels.vectors import (
     single,
     store,
 )
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Single, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow
-    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 COUNT, ROW = len(WINDOW), rows(WINDOW)
 SAME = F(1.5)  # beams apart: still at one range

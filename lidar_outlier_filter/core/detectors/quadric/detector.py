@@ -13,29 +13,24 @@ window above it.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import fdtri, stdtrit
 
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.quadric.planes import Window, empty_window
 from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, Rules
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
-from lidar_outlier_filter.core.neighbours.tree_walks import gap, height, leaves
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats, Ints
-    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_walks import Bounds
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_build import Tree
+from lidar_outlier_filter.core.neighbours.tree_walks import Bounds, gap, height, leaves
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECTIONS = 64  # that a thread judges at once
 PATCHES = 1024

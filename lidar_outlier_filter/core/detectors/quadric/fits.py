@@ -10,17 +10,19 @@ is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.quadric.planes import LONG, MEAN, MIDDLE, NORMAL, QUADRIC
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.detectors.quadric.planes import (
+    LONG,
+    MEAN,
+    MIDDLE,
+    NORMAL,
+    QUADRIC,
+    Window,
+)
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.detectors.quadric.planes import Window
 
 PLANE, PARABOLOID = 4, 7  # parameters, one of which the norm takes away
 # Numba takes elements of a tuple of constants as constants, and compiles what they are given to for

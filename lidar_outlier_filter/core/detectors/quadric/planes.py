@@ -8,16 +8,14 @@ are fitted side by side, in lanes; a single one is in the first lane.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.kernels.eigen import NEGLIGIBLE, SWEEPS
 from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.vectors import ROW
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 QUADRIC = 10  # parameters, one of which the norm takes away
 LANES = 8

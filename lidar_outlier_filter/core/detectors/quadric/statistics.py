@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.quadric.fits import (
     HEIGHT,
     PARABOLOID,
@@ -20,9 +21,6 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
 )
 from lidar_outlier_filter.core.detectors.quadric.planes import QUADRIC, Window
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel, select
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Floats
 
 MIN_POINTS = 12  # of a surface
 CONCENTRATIONS = 2  # refits to the half, or the share, of points that agrees best

@@ -13,10 +13,9 @@ A point that no surface explains is tested against all; its lowest score counts.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.detectors.quadric.fits import (
     PLANE,
     SIZES,
@@ -54,9 +53,6 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
 )
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel, select
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
 SHARE = 0.3  # of the points that are to lie near a plane that begins a surface
