@@ -16,9 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.quadric.planes import empty_window
-from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS
-from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.detectors.quadric.fits import empty_window
+from lidar_outlier_filter.core.detectors.quadric.surfaces import MIN_POINTS, judge
 from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import height

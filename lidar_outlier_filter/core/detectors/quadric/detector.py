@@ -10,8 +10,6 @@ holds it: the foot of a pole has too few points in a window with the road, but e
 window above it.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -21,9 +19,8 @@ from scipy.special import fdtri, stdtrit
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.quadric.planes import Window, empty_window
-from lidar_outlier_filter.core.detectors.quadric.statistics import MIN_POINTS, Rules
-from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.detectors.quadric.fits import Window, empty_window
+from lidar_outlier_filter.core.detectors.quadric.surfaces import MIN_POINTS, Rules, judge
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel

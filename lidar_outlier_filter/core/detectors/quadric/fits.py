@@ -1,30 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fits of the quadric detector: plane, paraboloid and quadric, (18)-(30) of the paper.
+"""Windows of points, and fits to them: plane, paraboloid and quadric, (18)-(30) of the paper.
 
 The three are one model with 4, 7 or 10 of the parameters of (18), nested: the columns of B (23) are
 1, x, y, z, then x², xy, y², then xz, yz, z², where z is the normal of a plane through the points
 (a paraboloid stands on it). Products of two coordinates are multiplied by √2, so that the norm (19)
 is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times the ones here.
+
+The normal of a plane is the axis of the least moment, which is the exact solution of (29).
 """
 
-from __future__ import annotations
+from typing import NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors.quadric.planes import (
-    LONG,
-    MEAN,
-    MIDDLE,
-    NORMAL,
-    QUADRIC,
-    Window,
-)
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 
-PLANE, PARABOLOID = 4, 7  # parameters, one of which the norm takes away
+NORMAL, MIDDLE, LONG, MEAN, MOMENTS, WEIGHT = 0, 3, 6, 9, 12, 15  # parts of Window.plane
+PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes away
 # Numba takes elements of a tuple of constants as constants, and compiles what they are given to for
 # each of them. That is a fifth of the time to compile, and saves a tenth of the time to run.
 SIZES = (PLANE, PARABOLOID, QUADRIC)
@@ -34,6 +30,142 @@ HEIGHT = 3  # the column of z
 SINGULAR = 1e-12  # a pivot below this part of the matrix: the parameters are ambiguous
 ADJUSTMENTS = 10
 CONVERGED = 1e-6  # largest change of a parameter
+
+
+class Window(NamedTuple):
+    """A window of up to M points, and room to work on it; only its first n points count."""
+
+    xyz: Floats  # (3, M)
+    variance: Floats  # (M,) of any coordinate of each point; only their ratios count
+    rows: Floats  # (M, 12) B (23) in the frame of the plane, and two zeros
+    saved_test: Floats  # (2, M) test of the plane, and of the paraboloid
+    saved_kept: Bools  # (2, M) kept of the plane, and of the paraboloid
+    which: Ints  # (M,) some of the points
+    local: Floats  # (3, M) coordinates in the frame of the plane
+    some: Floats  # (3, M) the points on no surface so far
+    residual: Floats  # (M,) v (29)
+    sigma2: Floats  # (M,) σ² (30)
+    slope: Floats  # (M,) the length of the gradient (25)-(27)
+    lever: Floats  # (M,) B Q Bᵀ
+    weight: Floats  # (M,) in the next fit
+    test: Floats  # (M,) T ÷ its critical value under the last surface
+    score: Floats  # (M,) the least of all surfaces
+    scratch: Floats  # (M,)
+    left: Bools  # (M,) on no surface so far
+    kept: Bools  # (M,) in the fit
+    next: Bools  # (M,) in the next one
+    start: Bools  # (M,) in the first fit of a surface
+    a: Floats  # (10,) parameters
+    step: Floats  # (10,) what (29) is to change of them
+    plane: Floats  # (16,) normal, axes of the middle and the largest moment, mean, moments, weight
+    best: Floats  # (16,) the best one to begin with
+    normal: Floats  # (12, 12) Bᵀ P B
+    cofactor: Floats  # (12, 12) Q of the parameters
+    square: Floats  # (12, 12)
+    vectors: Floats  # (12, 12)
+
+
+def empty_window(room: int) -> Window:
+    """Allocate for windows of up to ``room`` points."""
+    return Window(
+        np.zeros((3, room)),
+        np.ones(room),
+        np.zeros((room, ROW)),
+        np.zeros((2, room)),
+        np.zeros((2, room), np.bool_),
+        np.zeros(room, np.int64),
+        *np.zeros((2, 3, room)),
+        *np.zeros((8, room)),
+        *np.zeros((4, room), np.bool_),
+        *np.zeros((2, QUADRIC)),
+        *np.zeros((2, 16)),
+        *np.zeros((4, ROW, ROW)),
+    )
+
+
+@noalias_kernel
+def fit_plane(window: Window, xyz: Floats, begin: int, end: int) -> None:
+    """Fit the plane through points begin to end by their weights, at least one of them not 0."""
+    weight, square, vectors, plane = window.weight, window.square, window.vectors, window.plane
+    total = x = y = z = xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(begin, end):
+        p = weight[i]
+        a, b, c = xyz[0, i], xyz[1, i], xyz[2, i]
+        total += p
+        x += p * a
+        y += p * b
+        z += p * c
+        xx += p * a * a
+        xy += p * a * b
+        xz += p * a * c
+        yy += p * b * b
+        yz += p * b * c
+        zz += p * c * c
+    x, y, z = x / total, y / total, z / total
+    plane[MEAN], plane[MEAN + 1], plane[MEAN + 2], plane[WEIGHT] = x, y, z, total
+    square[0, 0], square[1, 1] = xx - total * x * x, yy - total * y * y
+    square[2, 2], square[0, 1] = zz - total * z * z, xy - total * x * y
+    square[0, 2], square[1, 2] = xz - total * x * z, yz - total * y * z
+    square[1, 0], square[2, 0], square[2, 1] = square[0, 1], square[0, 2], square[1, 2]
+    eigen(square, vectors, 3)
+    least = find_least(square, 3)
+    middle, largest = (least + 1) % 3, (least + 2) % 3
+    if square[middle, middle] > square[largest, largest]:
+        middle, largest = largest, middle
+    for place, k in enumerate((least, middle, largest)):
+        plane[MOMENTS + place] = max(square[k, k], 0.0)
+        for axis in range(3):
+            plane[3 * place + axis] = vectors[axis, k]
+
+
+@noalias_kernel
+def is_plane(window: Window, floor: float) -> bool:
+    """Return a plane from a line: it is wider than the least standard deviation."""
+    return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
+
+
+@noalias_kernel
+def adjust_plane(window: Window, n: int, floor: float) -> bool:
+    """Fit the plane to the kept points; measure all points. False if they lie on a line."""
+    for i in range(n):
+        window.weight[i] = 1 / window.variance[i] if window.kept[i] else 0.0
+    fit_plane(window, window.xyz, 0, n)
+    if not is_plane(window, floor):
+        return False
+    measure_plane(window, n)
+    return True
+
+
+@noalias_kernel
+def measure_heights(plane: Floats, xyz: Floats, begin: int, end: int, heights: Floats) -> None:
+    """Measure the residuals (29) of points begin to end from a plane: heights over it."""
+    x, y, z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
+    zero = x * plane[MEAN] + y * plane[MEAN + 1] + z * plane[MEAN + 2]
+    for i in range(begin, end):
+        heights[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
+
+
+@noalias_kernel
+def measure_plane(window: Window, n: int) -> None:
+    """Measure all points against the plane: residual, variance, slope and lever.
+
+    Height and tilts of the plane are uncorrelated in its own axes: Q is diagonal.
+    """
+    measure_heights(window.plane, window.xyz, 0, n, window.residual)
+    xyz, plane = window.xyz, window.plane
+    level = 1 / plane[WEIGHT]
+    squared = plane[NORMAL] ** 2 + plane[NORMAL + 1] ** 2 + plane[NORMAL + 2] ** 2  # 1, rounded
+    tilt_middle, tilt_long = 1 / plane[MOMENTS + 1], 1 / plane[MOMENTS + 2]
+    for i in range(n):
+        x, y, z = xyz[0, i] - plane[MEAN], xyz[1, i] - plane[MEAN + 1], xyz[2, i] - plane[MEAN + 2]
+        u = plane[MIDDLE] * x + plane[MIDDLE + 1] * y + plane[MIDDLE + 2] * z
+        v = plane[LONG] * x + plane[LONG + 1] * y + plane[LONG + 2] * z
+        window.lever[i] = level + u * u * tilt_middle + v * v * tilt_long
+        window.sigma2[i] = window.variance[i] * squared
+        window.slope[i] = 1.0
+
+
+# Paraboloids and quadrics -------------------------------------------------------------------------
 
 
 @noalias_kernel

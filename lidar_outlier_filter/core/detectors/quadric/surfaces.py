@@ -11,45 +11,30 @@ which would be ambiguous: z = 0 times any other plane goes through its points, a
 A point that no surface explains is tested against all; its lowest score counts.
 """
 
-from __future__ import annotations
+from typing import NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.detectors.quadric.fits import (
+    HEIGHT,
+    PARABOLOID,
     PLANE,
+    QUADRIC,
     SIZES,
+    Window,
     adjust,
+    adjust_plane,
     fill_rows,
+    fit_plane,
+    is_plane,
     measure_distances,
+    measure_heights,
+    measure_residuals,
+    normalize,
     step,
     sum_normal,
     weigh,
-)
-from lidar_outlier_filter.core.detectors.quadric.planes import (
-    LANES,
-    QUADRIC,
-    Window,
-    adjust_plane,
-    find_axes,
-    fit_plane,
-    is_plane,
-    measure_heights,
-    sum_moments,
-    take_plane,
-)
-from lidar_outlier_filter.core.detectors.quadric.statistics import (
-    CONCENTRATIONS,
-    MIN_POINTS,
-    NONE,
-    FittedSurface,
-    Growth,
-    Rules,
-    describe,
-    is_bent,
-    is_better,
-    is_flat,
-    measure_tests,
 )
 from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel, select
@@ -63,6 +48,41 @@ THICK = 0.2  # standard deviation of the first surface over the radius of the wi
 LIKE = 2.0  # most that the standard deviation of another surface is that of the first
 PART = 0.25  # of the points left that another surface must explain
 MISSING = 3  # a window is undecided if more than a third of it is on no surface
+MIN_POINTS = 12  # of a surface
+CONCENTRATIONS = 2  # refits to the half, or the share, of points that agrees best
+CURVED = 0.25  # residual over the radius at which a quadric bends; above (20) is no approximation
+TIGHT = 1.5  # the same while it grows
+
+
+class Rules(NamedTuple):
+    """Rules of the judgement."""
+
+    critical: Floats  # two-sided quantile of t by degrees of freedom; the last for all beyond
+    ratio: Floats  # the same of F for three more parameters, by those of the larger model
+    floor: float  # least standard deviation of a residual, metres
+    surfaces: int  # at most
+    # Nothing but a quadric is fitted, to all points, ambiguous or not, and every window is decided;
+    # else a surface begins with the points nearest to a plane.
+    always: bool
+
+
+class FittedSurface(NamedTuple):
+    """A surface that has grown; the test of all points under it is in the window."""
+
+    size: int  # parameters of its model; 0: no surface
+    support: int  # points in the fit
+    deviation: float  # standard deviation of their distances, in the scale of the window
+
+
+class Growth(NamedTuple):
+    """What holds the growth of a surface, in the scale of the window."""
+
+    floor: float  # least standard deviation of a residual
+    noise: float  # standard deviation of the first surface, which holds another; inf: free
+    freedom: int  # its degrees of freedom; 0: free
+
+
+NONE = FittedSurface(0, 0, 0.0)
 
 
 @kernel
@@ -151,10 +171,14 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
     if rules.always:
         return True
     rank = min(left, max(MIN_POINTS, int(np.ceil(SHARE * left)))) - 1
-    fit_plane(window, some, left)
+    fit_plane(window, some, 0, left)
     best = _compare(window, left, rank, floor, np.inf)
-    for run in range(0, left - RUN // 2 + 1, RUN * LANES):
-        best = _compare_runs(window, run, left, rank, floor, best)
+    for run in range(0, left - RUN // 2 + 1, RUN):
+        end = min(run + RUN, left)
+        fit_plane(window, some, run, end)
+        _drop_worse_half(window, run, end)
+        fit_plane(window, some, run, end)
+        best = _compare(window, left, rank, floor, best)
     if not best < np.inf:
         return False
     _copy(window.best, len(window.best), window.plane)
@@ -162,33 +186,12 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
         reach = _near(window, left, rank)
         for i in range(left):
             weight[i] = 1.0 if abs(window.residual[i]) <= reach else 0.0
-        fit_plane(window, some, left)
+        fit_plane(window, some, 0, left)
     for i in range(n):
         window.kept[i] = False
     for i in range(left):
         window.kept[which[i]] = weight[i] > 0
     return True
-
-
-@noalias_kernel
-def _compare_runs(
-    window: Window, first: int, left: int, rank: int, floor: float, best: float
-) -> float:
-    """Compare the planes of some runs, the first of which begins there; return the best."""
-    ends = min(first + RUN * LANES, left)
-    for number in range(2):
-        for begin in range(first, ends - RUN // 2 + 1, RUN):
-            lane, end = (begin - first) // RUN, min(begin + RUN, ends)
-            if number > 0:
-                take_plane(window, lane)
-                _drop_worse_half(window, begin, end)
-            sum_moments(window, window.some, begin, end, lane)
-        # Lanes without a run hold earlier planes.
-        find_axes(window.lanes, LANES)
-    for begin in range(first, ends - RUN // 2 + 1, RUN):
-        take_plane(window, (begin - first) // RUN)
-        best = _compare(window, left, rank, floor, best)
-    return best
 
 
 @noalias_kernel
@@ -245,7 +248,7 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if rules.always:
         _copy(window.kept, n, window.weight)
-        fit_plane(window, window.xyz, n)
+        fit_plane(window, window.xyz, 0, n)
         fill_rows(window, n)
         return _grow_quadric(window, n, rules, growth)
     plane = _settle(window, n, SIZES[0], rules, growth)
@@ -381,3 +384,167 @@ def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> 
         if number < PASSES - 1:
             _copy(following, n, kept)
     return describe(window, n, size)
+
+
+# The tests of points (31), and of models against each other ---------------------------------------
+
+
+@noalias_kernel
+def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
+    """Test all points: T (31) ÷ its critical value. False if there are too few to decide.
+
+    A point outside the fit has the variance of a prediction, and its T is distributed as t(f), with
+    the f degrees of freedom of the fit. A point in the fit has its own part in σ̂0; that is taken
+    out, which leaves t(f - 1): the test does not depend on whether a point is in. The paper leaves
+    it in: a lone outlier among thirty then passes. Here it stays in under ``model: always``, and if
+    the first surface limits σ̂0.
+    """
+    squares, freedom = _squares(window, n, size, growth)
+    if freedom < 2:  # noqa: PLR2004  one is left without the point itself
+        return False
+    apart = not rules.always and growth.freedom == 0
+    last = len(rules.critical) - 1
+    critical = rules.critical[min(freedom, last)]
+    critical_kept = rules.critical[min(freedom - 1, last)] if apart else critical
+    for i in range(n):
+        kept, square = window.kept[i], window.residual[i] ** 2
+        cofactor = window.sigma2[i] + (-window.lever[i] if kept else window.lever[i])
+        without = max(squares * cofactor - square, 0.0) / (freedom - 1)
+        variance = without if kept and apart else squares / freedom * cofactor
+        least = growth.floor * window.slope[i]
+        variance = max(variance, least * least)
+        statistic = np.sqrt(square / variance) if square > 0 else 0.0
+        window.test[i] = statistic / (critical_kept if kept else critical)
+    return True
+
+
+@noalias_kernel
+def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
+    """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
+
+    If the first surface limits this one, the ratio is 1 to ``TIGHT``² times the first's.
+    """
+    parts = window.scratch
+    for i in range(n):
+        parts[i] = window.residual[i] ** 2 / window.sigma2[i] if window.kept[i] else 0.0
+    squares, count = 0.0, 0
+    for i in range(n):
+        squares += parts[i]
+        count += window.kept[i]
+    freedom = count - (size - 1)
+    if growth.freedom > 0 and freedom > 0:
+        unit = 0.0
+        for i in range(n):
+            unit += window.slope[i] ** 2 / window.sigma2[i] if window.kept[i] else 0.0
+        least = freedom * growth.noise**2 * unit / count
+        squares = min(max(squares, least), TIGHT**2 * least)
+        squares *= (freedom + growth.freedom) / freedom
+        freedom += growth.freedom
+    return squares, freedom
+
+
+@noalias_kernel
+def describe(window: Window, n: int, size: int) -> FittedSurface:
+    """Describe the surface that was fitted last, by the points kept."""
+    squares, count = 0.0, 0
+    for i in range(n):
+        measured = window.kept[i] & (window.slope[i] > 0)
+        squares += (window.residual[i] / window.slope[i]) ** 2 if measured else 0.0
+        count += window.kept[i]
+    return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
+
+
+@noalias_kernel
+def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
+    """Return whether three more parameters lessen a sum of squares significantly (F test)."""
+    if freedom < 1:
+        return False
+    ratio = rules.ratio[min(freedom, len(rules.ratio) - 1)]
+    return bool((before - after) / 3 > ratio * after / freedom)
+
+
+@noalias_kernel
+def is_bent(window: Window, n: int, rules: Rules) -> bool:
+    """Return whether a paraboloid fits the kept points significantly better than the plane.
+
+    Outliers that the plane could not distinguish from a bend would spoil it. So it is fitted to
+    all kept points, then to the half that agrees best. If either is better, it begins with that
+    half.
+    """
+    sigma2, scratch = window.sigma2, window.scratch
+    weigh(window, n)
+    count = 0
+    for i in range(n):
+        count += window.kept[i]
+    half = (count + 1) // 2
+    _rank_squares(window, n, half - 1)
+    before_half = _sum(scratch, half)
+    before, after = _step_from_plane(window, n)
+    bent = is_better(before, after, count - (PARABOLOID - 1), rules)
+    for _ in range(CONCENTRATIONS):
+        reach = _rank_squares(window, n, half - 1)
+        for i in range(n):
+            near = window.residual[i] ** 2 / sigma2[i] <= reach
+            window.weight[i] = 1 / sigma2[i] if window.kept[i] & near else 0.0
+        if np.isnan(_step_from_plane(window, n)[0]):
+            return False
+    reach = _rank_squares(window, n, half - 1)
+    after_half = _sum(scratch, half)
+    bent = bent or is_better(before_half, after_half, half - (PARABOLOID - 1), rules)
+    if bent:
+        for i in range(n):
+            near = window.residual[i] ** 2 / sigma2[i] <= reach
+            window.kept[i] = window.kept[i] & near
+    normalize(window, SIZES[1])
+    return bent
+
+
+@noalias_kernel
+def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
+    """Fit heights over the plane by a paraboloid with the weights; measure all points.
+
+    Returns the sums of squares of plane and paraboloid, NaN if it is ambiguous.
+    """
+    for k in range(QUADRIC):
+        window.a[k] = 1.0 if k == HEIGHT else 0.0
+    before, after = step(window, n, SIZES[1])
+    measure_residuals(window, n, SIZES[1])
+    return before, after
+
+
+@noalias_kernel
+def _rank_squares(window: Window, n: int, rank: int) -> float:
+    """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
+    count = 0
+    for i in range(n):
+        window.scratch[count] = window.residual[i] ** 2 / window.sigma2[i]
+        count += window.kept[i]
+    return select(window.scratch, count, rank)
+
+
+@noalias_kernel
+def _sum(values: Floats, count: int) -> float:
+    total = 0.0
+    for i in range(count):
+        total += values[i]
+    return total
+
+
+@noalias_kernel
+def is_flat(window: Window, n: int) -> bool:
+    """Return whether (20) approximates a quadric at three of four kept points.
+
+    There the residual is small against the radius at which the surface bends. If not, two sheets
+    of the quadric run through the noise of one surface.
+    """
+    a = window.a
+    bend = 0.0
+    for k in range(PLANE, QUADRIC):
+        bend += a[k] * a[k]
+    bend = 2 * np.sqrt(bend)
+    count, curved = 0, 0
+    for i in range(n):
+        if window.kept[i]:
+            count += 1
+            curved += abs(window.residual[i]) * bend > CURVED * window.slope[i] ** 2
+    return 4 * curved <= count
