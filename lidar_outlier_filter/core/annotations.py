@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Types that all rooms share: arrays by what they hold, and who shows how far work is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -352,4 +352,4 @@ def _method(file: CloudFile) -> tuple[int, str]:
         loaded = points.recovered(file, loaded, parameters)
     seen = DetectorInput(loaded.points.take(loaded.points.valid), parameters, whole=True)
     known = (explanations()[name] for name in parameters.chain if name in explanations())
-    return loaded.rings, '; '.join(one.choose(seen, parameters) for one in known)
+    return loaded.rings, '; '.join(one.name_method(seen, parameters) for one in known)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Convert PointCloud2 to Points: time field, scan lines and missing returns."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.detectors.registry import reads
-from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, Mask, mask_of, masked
+from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
 from lidar_outlier_filter.core.points.points import (
     INTENSITY_NAMES,
     LINE_NAMES,
@@ -87,12 +85,6 @@ class Decoder:
         self._previous_counter = self._counter
         self._mask = mask_of(parameters)
         self._has_warned_of_steps = False
-
-    def compile(self) -> None:
-        """Compile the kernels by calling each on empty arrays."""
-        returns(np.empty((0, 3)))
-        Mask.nothing(0).covers(_empty_points(with_sigma=False), 0.0)
-        LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
     # Signalling NaNs raise no warning when they are converted or compared.
     @np.errstate(invalid='ignore')

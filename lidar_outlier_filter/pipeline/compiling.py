@@ -5,8 +5,6 @@
 Run as a program, it reads one share of the work from stdin and compiles it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -22,18 +20,23 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build, prune
-from lidar_outlier_filter.core.points.mask import MaskLearner
-from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.poses import Track
-from lidar_outlier_filter.core.scan_pattern import recovered_rings
-from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.core.points.mask import Mask, MaskLearner
+from lidar_outlier_filter.core.points.points import Points, returns
+from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
+from lidar_outlier_filter.core.points.scan_lines import LineCounter
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    as_turn,
+    find_elevations,
+    find_origin,
+)
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.visibility import compile_watch
+from lidar_outlier_filter.pipeline.visibility import SensorWatch
 
 SENSORS = ('profile', 'spinning')  # kinds of sensors, each with its own kernels
 COUNT = 128  # points of a sample: enough for every default detector
@@ -84,10 +87,7 @@ def make_ready(
     ``offline`` includes kernels that no start of a node waits for: those of large clouds, of files,
     of masks, and of the explanations in reports.
     """
-    Decoder(parameters).compile()
-    compile_watch()
-    Track.compile()
-    recovered_rings.compile_kernels()
+    _run_shared(_turns())
     if offline:
         _, xyz, tree = build(np.zeros((SUBTREE + 1, 3)))
         prune(tree, np.ones(len(xyz), np.bool_), xyz)
@@ -99,9 +99,23 @@ def make_ready(
         for name in parameters.chain:
             if offline and name in explanations():
                 seen = DetectorInput(points, parameters, chain.neighbours)
-                explanations()[name].explain(seen, parameters, points.valid)
+                explanations()[name].contributions(seen, parameters, points.valid)
     if tuple(sensors) == SENSORS:
         _ready.add(kernels_of(parameters))
+
+
+def _run_shared(points: Points) -> None:
+    """Run the kernels that every chain may need: of decoding, poses, views, and recovered rings."""
+    returns(points.xyz)
+    Mask.nothing(0).covers(points, 0.0)
+    LineCounter().by_angle(points.range, points.valid)
+    track = Track(1.0, 1.0)
+    track.add(0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    track.move(points, SensorExtrinsics(np.zeros(3), np.eye(3)))
+    SensorWatch().add(StreamCloud(points), has_rings=True)
+    beams = find_origin(points.range, points.range)
+    find_elevations(points.range, points.range, beams)
+    as_turn(replace(points, ring=points.line))
 
 
 def load(parameters: FilterParameters, *, offline: bool = False) -> bool:

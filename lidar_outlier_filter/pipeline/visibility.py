@@ -201,12 +201,6 @@ class _ViewTally(NamedTuple):
         return cls(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
-def compile_watch() -> None:
-    """Run the kernel once on empty input."""
-    nothing = np.empty((0, 3)), np.empty(0, np.int64), np.empty(0, np.bool_)
-    _count(*nothing, _ViewTally.nothing(0))
-
-
 # Unit vectors at the edges of the sectors, the first again at the end; squares of the ranges at
 # which steps end.
 EDGES = np.array(

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains for a report: one that notes why points are rejected, and many that share neighbours."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -34,7 +32,7 @@ def features() -> dict[tuple[str, str], str]:
     return {
         (method, name): text
         for one in explanations().values()
-        for method, texts in one.methods.items()
+        for method, texts in one.METHODS.items()
         for name, text in texts.items()
     }
 
@@ -83,7 +81,7 @@ class ExplainingChain(Chain):
         selected: Bools,
     ) -> None:
         """Note the features that add most to the scores of the selected points."""
-        found = explanations()[name].explain(seen, parameters, selected)
+        found = explanations()[name].contributions(seen, parameters, selected)
         self.used.add(found.method)
         number = {key: k for k, key in enumerate(features(), 1)}
         numbers = np.array([number[found.method, one] for one in found.names])

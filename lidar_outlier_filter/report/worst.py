@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is rejected of a file, by where it lies, and its largest groups."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.annotations import Floats, Index, Ints
-from lidar_outlier_filter.core.neighbours.duplicates import typical_scale
+from lidar_outlier_filter.core.neighbours.typical import typical_scale
 from lidar_outlier_filter.files.judged_file import JudgedFile
 
 MANY = 10  # points of a large group

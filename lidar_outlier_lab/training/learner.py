@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Singles
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores, measure
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     far_values,
     first_odds,
@@ -21,9 +21,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     Trees,
     add_up,
 )
-from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene, training_scene
 from lidar_outlier_lab.training.folds import FOLDS, SceneRecipe

@@ -71,7 +71,7 @@ class TaggedStream:
     @property
     def held(self) -> int:
         """Count the points held."""
-        return self.stream.held
+        return max(self.stream._seen_points, self.stream._pending_points)
 
     @property
     def resets(self) -> int:

@@ -92,8 +92,9 @@ def main() -> None:
             for points in made[-7:] if values else made:
                 Chain(parameters).judge(points)
                 if name in why and len(points) > 1:
+                    seen = DetectorInput(points, parameters, 20)
                     every = np.ones(len(points), np.bool_)
-                    why[name].explain(DetectorInput(points, parameters, 20), parameters, every)
+                    why[name].contributions(seen, parameters, every)
     left = (name for name in known - called if name.startswith(f'{core.__name__}.detectors.'))
     sys.stdout.writelines(f'{name}\n' for name in sorted(left))
 

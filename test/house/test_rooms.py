@@ -177,13 +177,12 @@ def test_only_the_command_line_knows_arguments() -> None:
 
 def type_aliases(module: Module) -> Iterator[tuple[str, str]]:
     """Give the names that a module has for types of its annotations, and what they stand for."""
-    for node in module.tree.body:
-        guarded = isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING'
-        for one in node.body if guarded else [node]:
-            if isinstance(one, ast.Assign) and not isinstance(one.value, ast.Call):
-                name = ast.unparse(one.targets[0])
-                if re.fullmatch(r'_?([A-Z][a-z]+)+', name):
-                    yield name, ast.unparse(one.value)
+    guarded = (one for node in module.tree.body if isinstance(node, ast.If) for one in node.body)
+    for one in (*module.tree.body, *guarded):
+        if isinstance(one, ast.Assign) and not isinstance(one.value, ast.Call):
+            name = ast.unparse(one.targets[0])
+            if re.fullmatch(r'_?([A-Z][a-z]+)+', name):
+                yield name, ast.unparse(one.value)
 
 
 def test_no_alias_of_a_type_twice() -> None:
@@ -193,9 +192,9 @@ def test_no_alias_of_a_type_twice() -> None:
         for node in module.tree.body:
             if isinstance(node, ast.ClassDef):
                 found[node.name].append(module.name)
-        for name, meaning in type_aliases(module):
+        for name, meaning in type_aliases(module) if module.name != ANNOTATIONS else ():
             found[name].append(module.name)
-            if meaning.startswith('NDArray[') and module.name != ANNOTATIONS:
+            if meaning.startswith('NDArray['):
                 found[name].append(ANNOTATIONS)
     assert not {name: where for name, where in found.items() if len(where) > 1}
 

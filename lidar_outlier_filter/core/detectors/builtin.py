@@ -5,8 +5,6 @@
 Each score is computed in the module or folder of that name here, which is imported on first use.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from lidar_outlier_filter.core.detectors.declaration import Detector
@@ -246,8 +244,9 @@ class BoostedTrees(Section):
 
 
 DEFAULT = 'boosted_trees'  # the chain
-# Detectors that explain their scores, each by an Explanation.
-EXPLANATIONS = {'boosted_trees': f'{__package__}.boosted_trees.explanation:EXPLANATION'}
+# Modules that explain the scores of a detector. REASONS: what the numbers in Scores.reason mean,
+# from 1 to 255, unique among all detectors. METHODS: for each, its features with a description.
+EXPLANATIONS = {'boosted_trees': f'{__package__}.boosted_trees.methods'}
 _EVERY = (
     Detector(
         name='alpha_beta_gamma',

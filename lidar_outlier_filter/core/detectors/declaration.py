@@ -13,9 +13,9 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection
 
-    from lidar_outlier_filter.core.annotations import Bools, Singles
+    from lidar_outlier_filter.core.annotations import Singles
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.parameters.declaration import Section
@@ -85,7 +85,7 @@ class Contributions(NamedTuple):
 
     Attributes
     ----------
-    method : how they were judged, a name in ``Explanation.methods``
+    method : how they were judged, a name in ``METHODS`` of the explanation
     names : of the F features
     added : (F, M) float32
         To log-odds.
@@ -95,26 +95,6 @@ class Contributions(NamedTuple):
     method: str
     names: tuple[str, ...]
     added: Singles
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """The explanation of a detector's scores.
-
-    Attributes
-    ----------
-    reasons : meaning of the numbers in ``Scores.reason``, from 1 to 255
-        Unique among all detectors; they never change their meaning.
-    methods : its methods; for each, its features with a description
-    choose : called with its input and parameters; returns the method
-    explain : called with its input, its parameters and the points to explain
-
-    """
-
-    reasons: Mapping[int, ReasonName]
-    methods: Mapping[str, Mapping[str, str]]
-    choose: Callable[[DetectorInput, FilterParameters], str]
-    explain: Callable[[DetectorInput, FilterParameters, Bools], Contributions]
 
 
 def resolve(named: Any) -> Any:

@@ -46,18 +46,7 @@ class DetectorInput:
         whole: bool = False,
         allocate: Allocate = np.empty,
     ) -> None:
-        """Take points.
-
-        Parameters
-        ----------
-        points : all of them valid
-        parameters : threads and gap_factor
-        neighbours : the most that a detector will ask for, at least 1
-        neighbourhood : of these points, where it is known already
-        whole : whether they are all of a cloud
-        allocate : returns large arrays, in memory or in files
-
-        """
+        """Take points; ``neighbours`` is the most that a detector will ask for, at least 1."""
         self.points = points
         self.threads = parameters.threads
         self.gap_factor = parameters.gap_factor

@@ -35,8 +35,6 @@ ground cell more than ``PIT`` below its closing by 3 × 3 cells is raised to it 
 so that low points do not pull the ground down. Under dense canopy this raises true ground, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints

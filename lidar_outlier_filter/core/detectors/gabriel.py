@@ -14,8 +14,6 @@ Points on the ball do not count: the ball is open, as in the paper. On a grid bo
 square are edges, so that the graph is unique, but not part of any one Delaunay triangulation.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -46,26 +44,6 @@ class Edges(NamedTuple):
 
     ends: Index
     length: Floats
-
-
-class _Scratch(NamedTuple):
-    """Room that a thread uses again for every point; H levels of the tree.
-
-    Attributes
-    ----------
-    stack : (H + 2,) int64
-        Nodes that wait.
-    planes : (PLANES, 8) float64
-        x, y, z of the point of the plane less those of the tested point; their product with
-        themselves; x, y, z of the point; its distance from the tested point.
-    candidates : (N,) int32
-        Points that were in front of all planes when they were seen.
-
-    """
-
-    stack: Ints
-    planes: Floats
-    candidates: Index
 
 
 def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
@@ -107,19 +85,21 @@ def _lengths(xyz: Floats, ends: Index) -> Floats:
 def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
     """Find the edges from points ``begin`` to ``end`` to points behind them in tree order."""
     ends, count = np.empty((4 * (end - begin) + 16, 2), np.int32), 0
-    scratch = _Scratch(
-        np.empty(levels + 2, np.int64), np.empty((PLANES, 8)), np.empty(len(xyz), np.int32)
-    )
+    # Used again for every point: nodes that wait; planes; points in front of all planes so far.
+    # A plane: x, y, z of its point less those of the tested one; their product with themselves;
+    # x, y, z of the point; its distance from the tested one.
+    stack, planes = np.empty(levels + 2, np.int64), np.empty((PLANES, 8))
+    candidates = np.empty(len(xyz), np.int32)
     for p in range(begin, end):
-        found, planes = _find_candidates(xyz, tree, p, False, scratch)  # noqa: FBT003  numba
+        found, kept = _find_candidates(xyz, tree, p, False, stack, planes, candidates)  # noqa: FBT003  numba
         if found > MANY:
-            found, planes = _find_candidates(xyz, tree, p, True, scratch)  # noqa: FBT003  numba
+            found, kept = _find_candidates(xyz, tree, p, True, stack, planes, candidates)  # noqa: FBT003  numba
         for c in range(found):
-            q = scratch.candidates[c]
+            q = candidates[c]
             # The point's own plane leaves it alone: r - q is zero.
-            if _is_beyond(scratch.planes, planes, xyz[q, 0], xyz[q, 1], xyz[q, 2]):
+            if _is_beyond(planes, kept, xyz[q, 0], xyz[q, 1], xyz[q, 2]):
                 continue
-            if not _is_empty(xyz, tree, p, q, scratch.stack):
+            if not _is_empty(xyz, tree, p, q, stack):
                 continue
             if count == len(ends):
                 larger = np.empty((2 * count, 2), np.int32)
@@ -132,14 +112,13 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
 
 @noalias_kernel
 def _find_candidates(
-    xyz: Floats, tree: Tree, p: int, before: bool, scratch: _Scratch
+    xyz: Floats, tree: Tree, p: int, before: bool, stack: Ints, planes: Floats, candidates: Index
 ) -> tuple[int, int]:
     """Gather points behind p in tree order that no plane hides; return how many, and the planes.
 
     The planes of the points behind p mostly do. Where they leave many, as on a circle with points
     on its axis, those ``before`` p hide the most. Without them the search ends at ``MANY``.
     """
-    stack, planes, candidates = scratch.stack, scratch.planes, scratch.candidates
     x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
     here, found, kept = (x, y, z, x, y, z), 0, 0
     stack[0], waiting = 0, 1

@@ -37,8 +37,6 @@ away or at a grazing angle, are rejected. In phase 2 long edges between surfaces
 other enlarge σ: in a street or a room it finds little more than phase 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +50,6 @@ from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -129,9 +126,10 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     if count < max(least, 1):
         none = np.zeros(count, np.int64)
         return ClusterOutcome(np.full(count, np.nan), none.astype(np.uint8), none)
-    positions = find_distinct(xyz)
-    hood = Neighbourhood(np.take(xyz, positions.first, axis=0), 1, threads)
-    copies = np.bincount(positions.of)[hood.order]
+    hood, index, (copy, original) = Neighbourhood(xyz, 1, threads).distinct()
+    first, place = np.arange(count), np.empty(count, np.int64)  # the first at the same place
+    first[copy], place[index] = original, np.arange(len(hood))
+    copies = np.bincount(first)[index]
     graph = gabriel_graph(hood, threads)
     tree = spanning_tree(graph, len(hood))
     kept = tree.length <= limit(tree.length, parameters.global_confidence)
@@ -148,7 +146,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     kept &= tree.length <= local[rough[tree.ends[:, 0]]]
     fine = components(len(hood), tree, kept)
     final = _sizes(fine, copies)[fine]
-    at = np.argsort(hood.order)[positions.of]  # the place of each point, in tree order
+    at = place[first]  # where each point is in tree order
     phase = np.where(size[rough] < least, 1, 2 * (final < least)).astype(np.uint8)
     return ClusterOutcome(least / final[at], phase[at], final[at])
 

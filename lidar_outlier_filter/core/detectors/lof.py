@@ -23,8 +23,6 @@ points near more than k coincident ones get factors of millions. PDAL's ``filter
 PCL-LOFFilter, the code of Pirotti et al. (2018), which also squares all distances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -37,7 +35,6 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median, noalias_kernel
-from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -167,16 +164,16 @@ def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints
     stacked = np.flatnonzero(square == 0)
     if len(stacked) == 0:
         return stacked, stacked
-    xyz, order, position = neighbourhood.xyz, neighbourhood.order, _positions(neighbourhood)
-    positions = find_distinct(xyz[position])
-    first, place = position[positions.first], positions.of[order[stacked]]
-    most = min(k, len(first) - 1)
+    alone, index, (copy, original) = neighbourhood.distinct()
+    first = np.arange(len(square))  # as given
+    first[copy] = original
+    first = first[neighbourhood.order[stacked]]
+    most = min(k, len(alone) - 1)
     if most > 0:
-        alone = Neighbourhood(xyz[first], most, neighbourhood.threads)
-        distinct = np.empty(len(first))
-        distinct[alone.order] = alone.squared_distances(most)
-        square[stacked] = distinct[place]
-    return stacked, first[place]
+        distinct = np.empty(len(square))
+        distinct[index] = alone.squared_distances(most)
+        square[stacked] = distinct[first]
+    return stacked, _positions(neighbourhood)[first]
 
 
 def _positions(neighbourhood: Neighbourhood) -> Ints:

@@ -6,19 +6,14 @@ A distribution adds a detector by an entry point of the group ``lidar_outlier_fi
 declaration that is wrong is refused in one sentence and affects nothing else.
 """
 
-from __future__ import annotations
-
-from importlib.metadata import distributions
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from importlib.metadata import Distribution, EntryPoint, distributions
+from typing import Any
 
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN, DEFAULT
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import BITS, Installed, Section, shown, walk
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-    from importlib.metadata import Distribution, EntryPoint
 
 GROUP = 'lidar_outlier_filter.detectors'  # of entry points
 LINES = ('no', 'uses', 'needs')

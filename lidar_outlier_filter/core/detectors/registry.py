@@ -2,22 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The detectors that are installed, and what follows from all their declarations together."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from functools import cache
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import Any
 
 from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
-from lidar_outlier_filter.core.detectors.declaration import ReasonName, resolve
+from lidar_outlier_filter.core.detectors.declaration import Detector, ReasonName, resolve
 from lidar_outlier_filter.parameters.declaration import MASK, MASKED, MASKED_REASON, OFF
-from lidar_outlier_filter.parameters.filter import installed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.core.detectors.declaration import Detector, Explanation
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 
 # By name, in the order of their bits.
 DETECTORS: Mapping[str, Detector] = installed().detectors
@@ -39,15 +32,15 @@ def reads(parameters: FilterParameters, column: str) -> bool:
 
 
 @cache
-def explanations() -> Mapping[str, Explanation]:
-    """Return the explanations of scores, by the names of detectors that have one."""
+def explanations() -> Mapping[str, Any]:
+    """Return the modules of :data:`.EXPLANATIONS` by the names of their detectors."""
     return {name: resolve(EXPLANATIONS[name]) for name in DETECTORS if name in EXPLANATIONS}
 
 
 @cache
 def reasons() -> Mapping[int, ReasonName]:
     """Return what the numbers in ``outlier_reason`` mean."""
-    every = [one.reasons.items() for one in explanations().values()]
+    every = [one.REASONS.items() for one in explanations().values()]
     vehicle = ReasonName(MASK, 'on the own vehicle')
     return {**dict(chain.from_iterable(every)), MASKED_REASON: vehicle}
 

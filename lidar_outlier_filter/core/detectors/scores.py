@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a detector finds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,9 +38,3 @@ class Scores:
     reason: NDArray[np.uint8] | None = None
     scaled: bool = False
     method: str = ''
-
-    def take(self, part: NDArray[np.bool_]) -> Scores:
-        """Choose points by a mask."""
-        extra = None if self.extra is None else self.extra[part]
-        reason = None if self.reason is None else self.reason[part]
-        return Scores(self.score[part], extra, self.passes, reason, self.scaled, self.method)

@@ -35,8 +35,6 @@ DROR, by its authors       min_neighbors - 1      not within; r without z
 =========================  =====================  ==================================================
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

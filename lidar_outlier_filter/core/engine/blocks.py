@@ -13,8 +13,6 @@ A detector that raises an error costs one block: clouds with points in that bloc
 instead of a verdict, and the next block is judged.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from typing import Generic
@@ -87,11 +85,6 @@ class Blocks(Generic[AnyCloud]):
         self._first_pending = END  # earliest time of a point without a verdict
         self._judged = BEGINNING  # every point before this has its verdict
         self._closed = BEGINNING  # points before this are refused
-
-    @property
-    def held(self) -> int:
-        """Points in memory: the larger of those without a verdict and those later blocks need."""
-        return max(self._seen_points, self._pending_points)
 
     def push(self, cloud: AnyCloud) -> list[AnyCloud]:
         """Add the next cloud; return the clouds that are finished by it.

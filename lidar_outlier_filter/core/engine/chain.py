@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chain: detectors in their order, each on what the earlier ones left, or all on everything."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
@@ -116,10 +114,10 @@ def detect_in_tiles(
         if len(indices) > max_points:
             must_be = f'at most max_points = {max_points}'
             raise CloudError('the number of points in a tile with its halo', must_be, len(indices))
-        found = detect(points.take(indices)).take(own)
-        result.score[indices[own]] = found.score
+        found = detect(points.take(indices))
+        result.score[indices[own]] = found.score[own]
         if found.extra is not None and result.extra is not None:
-            result.extra[indices[own]] = found.extra
+            result.extra[indices[own]] = found.extra[own]
     return result
 
 

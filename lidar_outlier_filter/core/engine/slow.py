@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detectors that take too long are reported while they still run; no verdict changes."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from time import monotonic, sleep
 from typing import NamedTuple
 
@@ -43,43 +42,31 @@ class SlowDetector(NamedTuple):
         return f'{self.name} takes more than {self.limit:g} s for {self.points} points{begin}'
 
 
-class _Watchdog:
-    """One thread for all watched blocks: starting one for each costs more than some blocks take."""
+_due: dict[object, tuple[float, Callable[[], object]]] = {}  # by block: when, and what to call
 
-    def __init__(self) -> None:
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the thread: a forked process has none."""
-        self._lock, self._is_started = threading.Lock(), False
-        self._due: dict[object, tuple[float, Callable[[], object]]] = {}
+@cache
+def _start_watching() -> None:
+    """Start one thread for all watched blocks: one for each costs more than some blocks take."""
+    threading.Thread(target=_watch, name='slow detectors', daemon=True).start()
 
-    def add(self, key: object, due: float, call: Callable[[], object]) -> None:
-        """Call a function at a time, or a little later, unless it is removed before."""
-        with self._lock:
-            self._due[key] = (due, call)
-            if not self._is_started:
-                threading.Thread(target=self._run, name='slow detectors', daemon=True).start()
-            self._is_started = True
 
-    def remove(self, key: object) -> None:
-        """Do not call it any more."""
-        with self._lock:
-            self._due.pop(key, None)
-
-    def _run(self) -> None:
-        while True:
-            sleep(PERIOD_S)
-            with self._lock:
-                late = [key for key, (due, _) in self._due.items() if due <= monotonic()]
-                calls = [self._due.pop(key)[1] for key in late]
-            for call in calls:
+def _watch() -> None:
+    while True:
+        sleep(PERIOD_S)
+        for key, (due, call) in _due.copy().items():
+            if due <= monotonic() and _due.pop(key, None) is not None:
                 # A thread of its own: whatever it does, the others are still watched.
                 threading.Thread(target=call, daemon=True).start()
 
 
-_watchdog = _Watchdog()
-os.register_at_fork(after_in_child=_watchdog.reset)
+def _forget() -> None:
+    """Forget the thread and its blocks: a forked process has none."""
+    _start_watching.cache_clear()
+    _due.clear()
+
+
+os.register_at_fork(after_in_child=_forget)
 
 
 @contextmanager
@@ -106,12 +93,13 @@ def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) ->
         call(SlowDetector(name, limit, len(times), int(times.min())))
 
     def compiles(_module: str) -> None:
-        _watchdog.remove(key)
+        _due.pop(key, None)
 
-    _watchdog.add(key, monotonic() + limit, report)
+    _start_watching()
+    _due[key] = monotonic() + limit, report
     listeners.append(compiles)
     try:
         yield
     finally:
         listeners.remove(compiles)
-        _watchdog.remove(key)
+        _due.pop(key, None)

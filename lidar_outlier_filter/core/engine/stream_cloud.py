@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cloud on its way through the blocks, from push to verdict."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 

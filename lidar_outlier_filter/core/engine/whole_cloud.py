@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cloud that is judged as a whole, in memory or in files, and what its chain must not need."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -5,13 +5,8 @@
 It imports nothing heavy, so that commands can add a listener before NumPy and numba are there.
 """
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
 
 # Called in this order, in the thread that compiles, with the name of the kernel's module. One that
 # raises keeps the kernel from being compiled, and those behind it from being called.

@@ -5,8 +5,6 @@
 Those of several points side by side are (6, lanes); their rows are xx, yy, zz, xy, xz, yz.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Floats

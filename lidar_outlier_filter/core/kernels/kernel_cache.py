@@ -14,8 +14,6 @@ the package, in folders ``portable``: they run where none was compiled for the h
 compiled from them is kept by itself, so that nobody takes it for code of the host alone.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import re

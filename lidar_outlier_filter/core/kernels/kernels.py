@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How kernels are compiled, and the small ones that several subpackages share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -20,13 +18,27 @@ MAX_PASSES = 8  # passes over the values before pivots are taken at pseudo-rando
 Function = TypeVar('Function', bound='Callable[..., object]')
 
 
-def kernel(function: Function) -> Function:
+def kernel(function: Function, **more: object) -> Function:
     """Compile with numba: cached on disk, without the GIL, floating point in the order written.
 
     No fast-math flag: it would forbid NaN, and let the result depend on the machine. What is cached
-    is valid for the sources that it was made from, those of other files too.
+    is valid for the sources that it was made from, those of other files too. ``more`` are options
+    of numba.
     """
-    return _compile(function)
+    # Nobody calls kernels from C.
+    options: dict[str, Any] = {'error_model': 'numpy', 'no_cfunc_wrapper': True, **more}
+    compiler = numba.njit(cache=True, nogil=True, **options)
+    try:
+        compiled = compiler(function)
+    except RuntimeError:  # numba finds no folder that can be written
+        use_temporary_folder()
+        compiled = compiler(function)
+    # numba offers no other way. There is no cache where NUMBA_DISABLE_JIT is set.
+    cache = getattr(compiled, '_cache', None)
+    if cache is not None:
+        file = CacheFile(cache._cache_file, function.__code__.co_filename, compiled)  # noqa: SLF001
+        cache._cache_file = file  # noqa: SLF001
+    return cast('Function', compiled)
 
 
 def device_function(function: Function) -> Function:
@@ -35,7 +47,7 @@ def device_function(function: Function) -> Function:
     It has no entry for Python, which takes longer to compile than many a kernel. Called by Python
     it raises TypeError.
     """
-    return _without_entry(function, _compile(function, no_cpython_wrapper=True))
+    return _without_entry(function, kernel(function, no_cpython_wrapper=True))
 
 
 def _without_entry(function: Function, compiled: Function) -> Function:
@@ -66,7 +78,7 @@ def noalias_kernel(function: Function) -> Function:
     no references to arrays, so it may neither make nor return one.
     """
     options: dict[str, Any] = {'_nrt': False, 'pipeline_class': _Apart}
-    return _without_entry(function, _compile(function, no_cpython_wrapper=True, **options))
+    return _without_entry(function, kernel(function, no_cpython_wrapper=True, **options))
 
 
 def inlined_kernel(function: Function) -> Function:
@@ -76,24 +88,7 @@ def inlined_kernel(function: Function) -> Function:
     Python calls and those that do the work costs as much as the first. It pays for kernels that do
     little but call others; of long ones numba makes copies slowly.
     """
-    return _compile(function, inline='always')
-
-
-def _compile(function: Function, **more: object) -> Function:
-    # Nobody calls kernels from C.
-    options: dict[str, Any] = {'error_model': 'numpy', 'no_cfunc_wrapper': True, **more}
-    compiler = numba.njit(cache=True, nogil=True, **options)
-    try:
-        compiled = compiler(function)
-    except RuntimeError:  # numba finds no folder that can be written
-        use_temporary_folder()
-        compiled = compiler(function)
-    # numba offers no other way. There is no cache where NUMBA_DISABLE_JIT is set.
-    cache = getattr(compiled, '_cache', None)
-    if cache is not None:
-        file = CacheFile(cache._cache_file, function.__code__.co_filename, compiled)  # noqa: SLF001
-        cache._cache_file = file  # noqa: SLF001
-    return cast('Function', compiled)
+    return kernel(function, inline='always')
 
 
 @kernel

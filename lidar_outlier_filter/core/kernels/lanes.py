@@ -7,8 +7,6 @@ the order in which the sums of one point are added up, and each lane gets what i
 The length of innermost loops is that of an array, because the compiler unrolls literal ones.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

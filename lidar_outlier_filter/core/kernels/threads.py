@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work in threads: kernels let go of the GIL, so plain threads use all cores. And their memory."""
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import os
@@ -11,8 +9,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import TypeVar
-
-from lidar_outlier_filter.errors import FilterError
 
 Result = TypeVar('Result')
 
@@ -22,19 +18,13 @@ KEPT = 1 << 29  # bytes: what is larger, or free beyond that, goes back to the s
 MAX_HELPERS = 256  # helpers; they are started when there is work that no idle one takes
 
 
-class _Helpers:
-    """Threads that are kept: to start and end some for every call costs more than many calls."""
-
-    def __init__(self) -> None:
-        self.renew()
-
-    def renew(self) -> None:
-        """Forget the threads: a process that was forked off has none of them."""
-        self.pool = ThreadPoolExecutor(MAX_HELPERS, 'helper')
+@cache
+def _helpers() -> ThreadPoolExecutor:
+    """Return threads that are kept: starting some for every call costs more than many calls."""
+    return ThreadPoolExecutor(MAX_HELPERS, 'helper')
 
 
-_helpers = _Helpers()
-os.register_at_fork(after_in_child=_helpers.renew)
+os.register_at_fork(after_in_child=_helpers.cache_clear)  # a forked process has no threads
 
 
 def cores() -> int:
@@ -84,8 +74,6 @@ def run(
         The first one that work raised, in the order of the ranges; what has not begun is left.
 
     """
-    if threads < 0:
-        raise FilterError('threads', 'at least 0', threads)
     begins = range(0, count, chunk)
     helpers = min(threads or cores(), len(begins)) - 1
     if helpers <= 0:
@@ -105,7 +93,7 @@ def run(
 
     # The caller works as well: it waits for nobody who has not begun, so that work within work, or
     # of many callers, cannot wait in a circle.
-    tasks = [_helpers.pool.submit(some) for _ in range(helpers)]
+    tasks = [_helpers().submit(some) for _ in range(helpers)]
     some()
     wait([task for task in tasks if not task.cancel()])
     if failed:

@@ -6,8 +6,6 @@ Kernels calculate with them as with numbers: each element gets what a loop over 
 bit by bit. Where kernels are not compiled, vectors are arrays of numpy.
 """
 
-from __future__ import annotations
-
 import inspect
 import operator
 from typing import Any

@@ -14,8 +14,6 @@ order of the points and tiles have no effect.
     The depth ÷ (the distance between the quartiles of the lowest points + the side).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +21,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
-from lidar_outlier_filter.core.neighbours.duplicates import in_parts, typical_scale
+from lidar_outlier_filter.core.neighbours.typical import in_parts, typical_scale
 
 SIDE = 2.0  # of a column, typical distances
 WIDER = 5  # columns to the side of a wide one

@@ -64,7 +64,7 @@ class Neighbourhood:
     either coincide, or have a distance greater than 0.
 
     The tree is built, and the lists are searched, when they are first asked for. At most 64 bytes a
-    point are held, and 4 more for each neighbour.
+    point are held, and 4 more for each neighbour. ``threads``: maximum number; 0: all cores.
     """
 
     def __init__(
@@ -90,12 +90,8 @@ class Neighbourhood:
         if len(xyz) > 0 and not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
             got = xyz[~(np.abs(xyz) <= LARGEST)][0]
             raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
-        if most < 1:
-            raise FilterError('the largest number of neighbours', 'at least 1', most)
-        if threads < 0:
-            raise FilterError('threads', 'at least 0', threads)
         self._given = _in_multiples(xyz)
-        self._count, self._most, self._threads = len(xyz), most, threads
+        self._count, self._most, self.threads = len(xyz), most, threads
         self._allocate = allocate
         self._sorted: _Sorted | None = None
         self._nearest: Nearest | None = None
@@ -103,11 +99,6 @@ class Neighbourhood:
     def __len__(self) -> int:
         """Count the points."""
         return self._count
-
-    @property
-    def threads(self) -> int:
-        """Maximum number of threads; 0: all cores."""
-        return self._threads
 
     @property
     def order(self) -> Ints:
@@ -160,14 +151,30 @@ class Neighbourhood:
         )
         return result
 
-    def copies(self) -> Ints:
-        """List the points, as given, at the place of an earlier one, (C, 2), and that first one."""
+    def distinct(self) -> tuple[Neighbourhood, Ints, Ints]:
+        """Return the neighbourhood of M points, no two of which are at one place.
+
+        Returns
+        -------
+        hood : of these points, at each place the first that was given
+        index : (M,) int64
+            Their indices as given, in tree order.
+        copies : (2, C) int64
+            Indices, as given, of all others, and of the point at the place of each.
+
+        """
         order, xyz, tree = self._build()
         leaves = tree_walks.leaves(tree)
         found = self._in_threads(
             lambda i, j: tree_walks.copies(order, xyz, tree, leaves[i:j]), len(leaves)
         )
-        return np.concatenate(found)
+        copies = np.concatenate(found).T
+        if copies.size == 0:
+            return self, order, copies
+        is_copy = np.zeros(len(self), np.bool_)
+        is_copy[copies[0]] = True
+        hood = self.without(is_copy)
+        return hood, np.flatnonzero(~is_copy)[hood.order], copies
 
     def without(self, rejected: Bools) -> Neighbourhood:
         """Return the neighbourhood of the points that are left, numbered anew in the same order.
@@ -182,17 +189,14 @@ class Neighbourhood:
             In the order given at construction.
 
         """
-        if rejected.shape != (self._count,) or rejected.dtype != np.bool_:
-            got = f'{rejected.shape} of {rejected.dtype}'
-            raise FilterError('rejected points', f'({self._count},) of bool', got)
         given, old = self._given, self._sorted
         if old is None:
-            return Neighbourhood(given[~rejected], self._most, self._threads, self._allocate)
+            return Neighbourhood(given[~rejected], self._most, self.threads, self._allocate)
         kept = ~rejected[old.order]
         left = np.flatnonzero(kept)
         xyz = self._allocate((len(left), 3), np.float64)
         np.take(old.xyz, left, axis=0, out=xyz, mode='clip')  # other modes make a copy
-        result = Neighbourhood(xyz, self._most, self._threads, self._allocate)
+        result = Neighbourhood(xyz, self._most, self.threads, self._allocate)
         number = np.cumsum(~rejected) - 1
         result._sorted = _Sorted(number[old.order[left]], xyz, prune(old.tree, kept, xyz))
         result._given = xyz[:0]
@@ -221,9 +225,6 @@ class Neighbourhood:
         """
         squared = np.ascontiguousarray(squared, np.float64)
         which = np.ascontiguousarray(which, np.int64)
-        self._check(which)
-        if squared.shape != which.shape or np.isnan(squared).any():
-            raise FilterError('squared distances', f'{which.shape} without NaN', squared)
         offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
         _, xyz, tree = self._build()
         levels = tree_walks.height(tree)
@@ -256,9 +257,6 @@ class Neighbourhood:
 
         """
         which = np.ascontiguousarray(which, np.int64)
-        if not 1 <= k < len(self):
-            raise FilterError('the number of neighbours', f'1 to {len(self) - 1}', k)
-        self._check(which)
         if not (which[1:] > which[:-1]).all():
             which, inverse = np.unique(which, return_inverse=True)
             return self.nearest_of(which, k)[inverse]
@@ -272,7 +270,7 @@ class Neighbourhood:
         given = self._given
         # Two threads may both come here, and then both build the same.
         if self._sorted is None:
-            order, xyz, tree = build(given, self._threads, self._allocate)
+            order, xyz, tree = build(given, self.threads, self._allocate)
             self._sorted = _Sorted(order.astype(np.int64), xyz, tree)
             self._given = given[:0]
         return self._sorted
@@ -286,7 +284,7 @@ class Neighbourhood:
             lambda i, j: tree_search.search(xyz, tree, leaves[i:j], levels, lists),
             len(leaves),
             LEAVES * len(self) // max(int(np.count_nonzero(row >= 0)), 1),
-            self._threads,
+            self.threads,
         )
 
     def _carry_over(self, result: Neighbourhood, kept: Bools) -> Nearest:
@@ -301,15 +299,11 @@ class Neighbourhood:
         result._search(nearest, row)
         return nearest
 
-    def _check(self, which: Ints) -> None:
-        if which.ndim != 1 or (len(which) > 0 and not 0 <= which.min() <= which.max() < len(self)):
-            raise FilterError('indices in tree order', f'(M,) from 0 to {len(self) - 1}', which)
-
     def _empty_lists(self, count: int, k: int) -> Nearest:
         return Nearest(self._allocate((count, k), np.int32), np.empty(count, np.bool_))
 
     def _in_threads(self, work: Callable[[int, int], Result], count: int) -> list[Result]:
-        return pool.run(work, count, ROWS, self._threads)
+        return pool.run(work, count, ROWS, self.threads)
 
 
 def _in_multiples(xyz: Floats) -> Floats:

@@ -7,8 +7,6 @@ empty, and points that are far from all others are cut off first (the sliding mi
 Maneewongvatana and Mount, "It's okay to be skinny, if your friends are fat", 1999).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ not even by rounding, because both are computed alike and every operation rounds
 is left out for a gap strictly greater than a bound could not have tied with it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

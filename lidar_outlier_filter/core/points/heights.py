@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether rejected points are above or below what is kept around them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints

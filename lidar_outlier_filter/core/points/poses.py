@@ -65,14 +65,6 @@ class Track:
         """Count the poses."""
         return len(self._times)
 
-    @staticmethod
-    def compile() -> None:
-        """Run the kernel once, so that it is ready for the first points."""
-        track, zero = Track(1.0, 1.0), np.zeros(1, np.int64)
-        track.add(0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
-        point = Points(np.ones((1, 3)), zero, zero, np.ones(1, np.bool_))
-        track.move(point, SensorExtrinsics(np.zeros(3), np.eye(3)))
-
     def add(self, t: int, pose: tuple[float, ...]) -> bool:
         """Add the next pose: t in nanoseconds; x, y, z in metres and a quaternion x, y, z, w.
 

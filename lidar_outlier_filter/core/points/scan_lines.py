@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points → scan lines → line segments (Leslar 2010, section 3)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

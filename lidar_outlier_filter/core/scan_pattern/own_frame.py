@@ -11,8 +11,6 @@ That shows where the sensor s was at some moments, linearly between them, and ho
 elevations of a ring are the same, which shows its height, and how it leaned.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

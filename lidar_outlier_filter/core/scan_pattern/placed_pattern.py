@@ -5,8 +5,6 @@
 Phase is the angle that the head, or the mirror, has turned.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ A spinning sensor measures at some elevations only. Seen from the origin of its 
 these elevations, and none between. Clouds of other sensors have no such elevations.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -263,15 +261,6 @@ def _apart(band: Ints, elevation: Floats, turned: Ints, level: Floats) -> float:
         return np.inf
     angle = np.diff(turned[order])[same] * (TURN / SECOND) * level[order[same]]
     return float(np.median(angle))
-
-
-def compile_kernels() -> None:
-    """Run the kernels on next to nothing, so that they are ready."""
-    flat, z, nowhere = np.ones(2), np.zeros(2), Origin(0.0, 0.0)
-    elevations(flat, z, nowhere)
-    spread(flat, z, nowhere.up, nowhere.out)
-    find_peaks(np.zeros(2, np.int64), 1)
-    _times(np.ones((2, 3)))
 
 
 @kernel

@@ -6,8 +6,6 @@ A point's neighbours are those before and after it in its ring, and those at its
 rings above and the two below. All rings are sorted by azimuth, so that one walk finds them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

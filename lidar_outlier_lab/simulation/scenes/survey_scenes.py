@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.annotations import Bytes, Floats
-from lidar_outlier_filter.core.neighbours.duplicates import K
+from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly, log_uniform, look_down

@@ -47,7 +47,7 @@ def test_the_caller_is_one_of_them(
     monkeypatch: pytest.MonkeyPatch, count: int, number: int, helpers: int
 ) -> None:
     """One helper less is asked than there may be threads, or than there are ranges."""
-    pool = threads._helpers.pool
+    pool = threads._helpers()
     submit, asked = pool.submit, list[object]()
 
     def noted(work: Callable[[], object]) -> object:
@@ -62,7 +62,8 @@ def test_the_caller_is_one_of_them(
 def test_threads_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hundred calls start no hundred threads; the pool is new, so nobody else's are counted."""
     barrier = threading.Barrier(2)
-    monkeypatch.setattr(threads._helpers, 'pool', ThreadPoolExecutor(threads.MAX_HELPERS))
+    pool = ThreadPoolExecutor(threads.MAX_HELPERS)
+    monkeypatch.setattr(threads, '_helpers', lambda: pool)
     known = {ident for _ in range(100) for ident in threads.run(_meet(barrier), 2, 1, 2)}
     assert len(known) < 20
 

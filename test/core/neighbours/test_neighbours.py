@@ -482,25 +482,6 @@ def test_wrong_numbers_of_neighbours_are_refused(k: int) -> None:
         neighbourhood.nearest(k)
 
 
-def test_other_mistakes_are_refused() -> None:
-    """Numbers that are too small, masks and indices of another cloud, invalid limits."""
-    xyz = np.eye(3)
-    with pytest.raises(FilterError, match='at least 1, got 0'):
-        Neighbourhood(xyz, 0)
-    with pytest.raises(FilterError, match='at least 0, got -2'):
-        Neighbourhood(xyz, 1, -2)
-    neighbourhood = Neighbourhood(xyz, 1)
-    for mask in (np.zeros(4, np.bool_), np.zeros(3, np.int64)):
-        with pytest.raises(FilterError, match=r'rejected points must be \(3,\) of bool'):
-            neighbourhood.without(mask)  # type: ignore[arg-type]
-    for which in (np.array([3]), np.array([-1]), np.array([[0]])):
-        with pytest.raises(FilterError, match='indices in tree order must be'):
-            neighbourhood.within(which, np.ones(1))
-    for limits in (np.ones(2), np.array([np.nan])):
-        with pytest.raises(FilterError, match='squared distances must be'):
-            neighbourhood.within(np.array([0]), limits)
-
-
 # Time and memory ----------------------------------------------------------------------------------
 
 

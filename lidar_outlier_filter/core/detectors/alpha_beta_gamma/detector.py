@@ -12,8 +12,6 @@ kernel sums over those: with N their normal matrix (14), the prediction's varian
 and (16) is σ_k² + q.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

@@ -15,8 +15,6 @@ update it: the same least squares solution, to 1e-9 in the worst windows tried, 
 filterpy is an optional dependency, imported on first use. Versions 1.4.5 and 2.0.0 both serve.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from math import factorial, sqrt
 from typing import Any

@@ -7,10 +7,7 @@ points at once, which processors do four or eight at a stroke; it needs windows 
 other follows the links of one point at a time, past ends of segments and rejected points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +20,9 @@ Sums = tuple[float, ...]
 CENTRED, BEFORE, AFTER = 0, 1, 2  # the windows of a point
 T, X, WEIGHT, RATE = 0, 1, 4, 5  # rows of the columns
 SINGULAR = 1e-10  # det N below this part of the product of its diagonal: no prediction
+# Points in front of the tested one, and behind it; fewest of a window that predicts; order; whether
+# each side of a point is a window of its own, beside the centred one
+Windows = tuple[int, int, int, int, bool]
 TILE = 128  # points at once: their sums stay in the first-level cache
 SUMS = 14  # of one side of the window: 5 powers of time, 3 of them times x, y and z
 
@@ -59,29 +59,6 @@ class Series:
         return self.columns[which, self.pad : self.pad + len(self)]
 
 
-class Windows(NamedTuple):
-    """The windows of the points, and what is predicted from them.
-
-    Attributes
-    ----------
-    before, after : int
-        Points in front of the tested one, and behind it.
-    fewest : int
-        With fewer points in a window there is no prediction.
-    order : int
-        2 with acceleration, 1 without.
-    either : bool
-        Whether each side of a point is a window of its own, beside the centred one.
-
-    """
-
-    before: int
-    after: int
-    fewest: int
-    order: int
-    either: bool
-
-
 def empty_series(pad: int, before: NDArray[np.int64], after: NDArray[np.int64]) -> Series:
     """Allocate for points with these links, in whole tiles, and one tile of zeros behind them."""
     tiles = -(-len(before) // TILE)
@@ -102,17 +79,12 @@ def residuals(
     """
     result = np.empty((3, 3, len(which)))
     before, after = series.before, series.after
-    windows = Windows(
-        parameters.before,
-        parameters.after,
-        parameters.min_window,
-        parameters.order,
-        parameters.sides == 'either',
-    )
+    fewest, either = parameters.min_window, parameters.sides == 'either'
+    windows = (parameters.before, parameters.after, fewest, parameters.order, either)
     reaches = {BEFORE: parameters.before, AFTER: parameters.after}
     reaches[CENTRED] = sum(reaches.values())
     for side, reach in reaches.items():
-        if reach < windows.fewest or not (windows.either or side == CENTRED):
+        if reach < fewest or not (either or side == CENTRED):
             result[side] = np.nan
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.

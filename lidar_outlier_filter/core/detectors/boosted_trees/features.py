@@ -6,8 +6,6 @@ A model file names the features that its trees ask about. A feature keeps its na
 values are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

@@ -8,19 +8,18 @@ search is made for few points only. A verdict depends on the neighbours of a poi
 floor of the whole cloud. Coincident points are judged as one: neighbours are at other positions.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
-from lidar_outlier_filter.core.detectors.boosted_trees import far_features, near_features
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import (
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
+    FAR_COUNT,
     MAX_NEIGHBOURS,
+    NEAR_COUNT,
     Far,
-    write_far,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     Near,
+    make_far_buffers,
+    make_near_buffers,
+    write_far,
     write_large_components,
     write_near,
 )
@@ -35,9 +34,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
-from lidar_outlier_filter.core.neighbours.duplicates import K
 from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.typical import K
 
 NO_VALUES = np.empty((0, 0), np.float32)
 AT_ONCE = 128 * LANES  # points that a thread takes at once
@@ -62,7 +61,7 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
 
     """
     odds = np.full(len(xyz), np.nan)
-    hood, index, (copy, original) = find_distinct(xyz, threads, allocate)
+    hood, index, (copy, original) = Neighbourhood(xyz, K, threads, allocate).distinct()
     if len(hood) > K:
         model = load(SURVEY_MODEL)
         near = neighbours(hood, around)
@@ -73,30 +72,6 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
         odds[index] = found
         odds[copy] = odds[original]
     return odds
-
-
-def find_distinct(
-    xyz: Floats, threads: int = 0, allocate: Allocate = np.empty
-) -> tuple[Neighbourhood, Ints, Ints]:
-    """Return the neighbourhood of M points, no two of which are at one place.
-
-    Returns
-    -------
-    hood : of these points
-    index : (M,) int64
-        Their indices as given, in tree order.
-    copies : (2, C) int64
-        Indices, as given, of all others, and of the point at the place of each.
-
-    """
-    hood = Neighbourhood(xyz, K, threads, allocate)
-    copies = hood.copies()
-    if len(copies) == 0:
-        return hood, hood.order, copies.T
-    alone = np.ones(len(xyz), np.bool_)
-    alone[copies[:, 0]] = False
-    hood = hood.without(~alone)
-    return hood, np.flatnonzero(alone)[hood.order], copies.T
 
 
 def score(odds: Floats, threshold: float) -> Floats:
@@ -143,14 +118,14 @@ def second_odds(
 
 def near_values(near: Near, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the first trees."""
-    values, odds = _room(near_features.COUNT, which)
+    values, odds = _room(NEAR_COUNT, which)
     _first(near, NO_TREES, which, 0, len(which), odds, values)
     return values
 
 
 def far_values(far: Far, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the second trees."""
-    values, odds = _room(far_features.COUNT, which)
+    values, odds = _room(FAR_COUNT, which)
     _again(far, NO_TREES, which, 0, len(which), odds, values)
     return values
 
@@ -164,8 +139,8 @@ def _first(
     near: Near, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
 ) -> None:
     """Write log-odds of points ``which`` (M,), or of all if empty; if there is room, features."""
-    buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
-    some, total = np.empty((near_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    buffers, points = make_near_buffers(), np.empty(LANES, np.int64)
+    some, total = np.empty((NEAR_COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             row = min(start + lane, end - 1)
@@ -180,9 +155,9 @@ def _again(
     far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
 ) -> None:
     """Write log-odds of points ``which`` (M,); where there is room, features."""
-    buffers = far_features.make_buffers()
+    buffers = make_far_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    some, total = np.empty((far_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    some, total = np.empty((FAR_COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, end - 1)

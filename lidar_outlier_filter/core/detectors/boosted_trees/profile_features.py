@@ -14,8 +14,6 @@ be up. Returns are joined twice: widely, so that a group stays whole, and narrow
 separates from a car that it nearly touches.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +23,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Si
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, rows
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
+    COUNT,
     FAR,
     HALF,
     MAX_VALUE,
@@ -42,7 +41,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     PatternWindow,
     Prepared,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.window_features import COUNT
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.eigen import eigen
 from lidar_outlier_filter.core.kernels.kernels import (

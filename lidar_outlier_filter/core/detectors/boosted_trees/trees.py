@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ensembles of decision trees of depth 3, and the model files that hold them."""
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 from importlib.resources import files

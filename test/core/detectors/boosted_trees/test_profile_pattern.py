@@ -33,10 +33,14 @@ from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import (
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern import profile_scanner
+from lidar_outlier_filter.core.scan_pattern import profile_pattern
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
-from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, Fit, fit_lines
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import (
+    SAMPLES,
+    Fit,
+    find_profile_pattern,
+    fit_lines,
+)
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -143,7 +147,7 @@ def test_limits_of_the_fit(
         found = fit_lines(xyz, turned)
         return found._replace(**{field: np.full(len(xyz), value)})
 
-    monkeypatch.setattr(profile_scanner, 'fit_lines', fit)
+    monkeypatch.setattr(profile_pattern, 'fit_lines', fit)
     assert (find_profile_pattern(Drive(5).points) is not None) == is_accepted
 
 

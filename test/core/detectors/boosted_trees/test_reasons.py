@@ -9,7 +9,6 @@ from naive import scan_pattern as naive
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.explanation import contributions
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     LIKELY,
     PROFILE,
@@ -17,7 +16,11 @@ from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     SECOND_PASS,
     WINDOW,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import (
+    Method,
+    contributions,
+    find_either,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     first_pass,
     measure,

@@ -13,12 +13,12 @@ from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    count_scores,
     first_pass,
     judge,
     measure,
     second_pass,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     Trees,

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, Trees, load
-from lidar_outlier_filter.core.neighbours.duplicates import (
-    MIN_SCALE_M,
-    K,
-    find_distinct,
-    typical_scale,
-)
 from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.typical import (
+    MIN_SCALE_M,
+    K,
+    typical_scale,
+)
 
 
 def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
@@ -161,11 +160,10 @@ def test_places_against_loops(name: str) -> None:
     xyz = np.round(surface(300)) if name == 'coarse' else CLOUDS[name]
     xyz[xyz == 0] *= np.random.default_rng(1).choice([-1.0, 1.0], np.count_nonzero(xyz == 0))
     first = naive.first_of_each([tuple(row) for row in xyz.tolist()])
-    found = find_distinct(xyz)
-    np.testing.assert_array_equal(found.first[found.of], first)
-    np.testing.assert_array_equal(found.first, sorted(set(first)))
-    copies = [[p, at] for p, at in enumerate(first) if p != at]
-    assert sorted(Neighbourhood(xyz, K).copies().tolist()) == copies
+    hood, index, copies = Neighbourhood(xyz, K).distinct()
+    assert sorted(index.tolist()) == sorted(set(first))
+    np.testing.assert_array_equal(hood.xyz, xyz[index])
+    assert sorted(copies.T.tolist()) == [[p, at] for p, at in enumerate(first) if p != at]
 
 
 def test_points_at_one_place_are_judged_as_one() -> None:

@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     measure,
     prepare_all,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores
 
 rng = np.random.default_rng(5)
 points = sweep(1, 0.3, columns=40, elevations=np.linspace(-10.0, 10.0, 6))

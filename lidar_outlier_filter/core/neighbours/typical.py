@@ -1,16 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coincident points, as in clouds that were rounded or merged: they are judged as one.
+"""The typical distance of positions to their eighth neighbour.
 
-Their distances of 0 would make every other distance seem large. The typical distance of positions
-to their eighth neighbour is measured at a sample of them, chosen by coordinates alone: neither the
-order of the points nor tiles matter.
+It is measured at a sample of them, chosen by coordinates alone: neither the order of the points nor
+tiles matter. Coincident points, as in clouds that were rounded or merged, count as one: distances
+of 0 would make every other distance seem large.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,46 +24,6 @@ AT_ONCE = 500_000  # points examined
 EVERY = 1 << 32
 # Multipliers that mix the bits of coordinates (splitmix64).
 MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
-
-
-class DistinctPoints(NamedTuple):
-    """The M distinct positions of N points.
-
-    Attributes
-    ----------
-    first : (M,) int64
-        The first point at each position, ascending.
-    of : (N,) int64
-        The position of each point, from 0 to M - 1.
-
-    """
-
-    first: Ints
-    of: Ints
-
-
-def find_distinct(xyz: Floats) -> DistinctPoints:
-    """Find the distinct positions of points (N, 3), metres, finite; 0 and -0 are equal.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lidar_outlier_filter.core.neighbours.duplicates import find_distinct
-    >>> distinct = find_distinct(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
-    >>> distinct.first.tolist(), distinct.of.tolist()
-    ([0, 1], [0, 1, 0])
-
-    """
-    order = np.lexsort(xyz.T)  # coincident points stay in their order
-    ordered = np.take(xyz, order, axis=0)
-    begins = np.ones(len(xyz), np.bool_)
-    begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    group = np.empty(len(xyz), np.int64)
-    group[order] = np.cumsum(begins) - 1
-    first = order[begins]
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return DistinctPoints(np.sort(first), rank[group])
 
 
 def in_parts(
@@ -92,10 +49,10 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
     some = in_parts(lambda part: part[numbers(part) < limit], xyz, where, threads)
     few = np.concatenate([np.empty((0, 3)), *some])
-    alone = np.take(few, find_distinct(few).first, axis=0)
+    alone, _, _ = Neighbourhood(few, K, threads).distinct()
     if len(alone) <= K:
         return MIN_SCALE_M
-    distance = np.median(np.sqrt(Neighbourhood(alone, K, threads).squared_distances(K)))
+    distance = np.median(np.sqrt(alone.squared_distances(K)))
     # On a surface, distances are as the square root of the area that each point has.
     return float(distance * np.sqrt(len(few) / len(where))) + MIN_SCALE_M
 
