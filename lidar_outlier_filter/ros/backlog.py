@@ -146,10 +146,8 @@ class Inbox:
 
     def _drop_oldest(self) -> int:
         """Drop the oldest cloud; commands stay."""
-        index, oldest = next(
-            (index, item) for index, item in enumerate(self._items) if isinstance(item, Received)
-        )
-        del self._items[index]
+        oldest = next(item for item in self._items if isinstance(item, Received))
+        self._items.remove(oldest)
         self.clouds -= 1
         self.size -= len(oldest.data)
         return 1

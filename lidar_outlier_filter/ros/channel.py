@@ -183,11 +183,10 @@ class Channel:
 
     def _end(self) -> list[Received]:
         """Unsubscribe; return the clouds that were received and not served."""
-        clouds, self._clouds = self._clouds, None
-        odometry, self._odometry = self._odometry, None
         # Poses last: those of the last clouds may be received after them.
-        received = self._drain(clouds)
-        for msg in self._drain(odometry):
+        received, poses = self._drain(self._clouds), self._drain(self._odometry)
+        self._clouds = self._odometry = None
+        for msg in poses:
             self._take_pose(msg)
         return [self._noted(data) for data in received]
 

@@ -56,10 +56,9 @@ class SplitCloudPublisher:
         """Publish both clouds; return False where ROS is shut down."""
         if not self._context.ok():
             return False
-        if split.cleaned is not None:
-            self.cleaned.publish(split.cleaned)
-        if split.outliers is not None:
-            self.outliers.publish(split.outliers)
+        for publisher, cloud in ((self.cleaned, split.cleaned), (self.outliers, split.outliers)):
+            if cloud is not None:
+                publisher.publish(cloud)
         return True
 
     def wait(self) -> None:

@@ -177,8 +177,7 @@ class OutlierFilterNode(TunableNode):
         names = self.filter_parameters.inputs
         for name in names:
             _refuse_topic('a topic of inputs', name)
-        resolved = {self.resolve_topic_name(name) for name in names}
-        if len(resolved) < len(names):
+        if len({self.resolve_topic_name(name) for name in names}) < len(names):
             raise ParameterError('inputs', 'different topics', repr(list(names)))
         return names
 
