@@ -113,13 +113,6 @@ def be_side(size: str, count: str, kind: str, role: str) -> None:
     print(len(came))
 
 
-def middleware() -> str:
-    """Name the middleware that ROS has here."""
-    from rclpy.utilities import get_rmw_implementation_identifier
-
-    return str(get_rmw_implementation_identifier())
-
-
 def measure(name: str, seconds: float) -> str:
     """Measure all settings of a middleware; return the table."""
     count, rows = round(seconds * RATE), []
@@ -148,7 +141,9 @@ def main() -> None:
     if options.side:
         be_side(*options.side)
         return
-    name = middleware()
+    from rclpy.utilities import get_rmw_implementation_identifier
+
+    name = get_rmw_implementation_identifier()
     text = measure(name, options.seconds)
     print(text)
     if options.write:

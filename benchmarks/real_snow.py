@@ -95,19 +95,16 @@ def verdicts(
 def in_short(everything: All) -> str:
     """Lay out F1, and the share of the good points that is lost, of each judge in each form."""
     judges = next(iter(everything.values()))
-    rows = [
-        (_bold(judge), *(_short(judged[judge]) for judged in everything.values()))
-        for judge in judges
-    ]
+    rows = []
+    for judge in judges:
+        wholes = [judged[judge].whole for judged in everything.values()]
+        cells = [f'{number(one.f1)} ({percent(one.false_rejections.ratio)})' for one in wholes]
+        rows.append((_bold(judge), *cells))
     return paragraphs(
         '## In short',
         'F1, and in brackets the good points lost:',
         table(('', *(FORMS[form][0] for form in everything)), rows),
     )
-
-
-def _short(figures: Figures) -> str:
-    return f'{number(figures.whole.f1)} ({percent(figures.whole.false_rejections.ratio)})'
 
 
 def _bold(judge: str) -> str:

@@ -91,24 +91,18 @@ def by_network(clouds: Sequence[Sweep], network: Any) -> Verdict:
 
     Raisuddin, Cortinhal, Holmblad and Aksoy (2024); the network was trained on WADS.
     """
-    begin = perf_counter()
-    rejected = [_by_network(one, network) for one in clouds]
-    return Verdict(rejected, perf_counter() - begin, '')
-
-
-def _by_network(cloud: Sweep, network: Any) -> Bools:
-    """Return which points it takes for snow."""
-    given = np.column_stack([cloud.xyz, cloud.intensity]).astype(np.float64)
-    distance, index = cKDTree(given[:, :3]).query(given[:, :3], NETWORK_NEIGHBOURS, workers=-1)
-    output = network.run(
-        None,
-        {
+    begin, rejected = perf_counter(), []
+    for cloud in clouds:
+        given = np.column_stack([cloud.xyz, cloud.intensity]).astype(np.float64)
+        distance, index = cKDTree(given[:, :3]).query(given[:, :3], NETWORK_NEIGHBOURS, workers=-1)
+        asked = {
             'points': ((given - MEAN) / DEVIATION).astype(np.float32),
             'dist': (distance + AWAY).astype(np.float32),
             'indices': index.astype(np.int64),
-        },
-    )[0]
-    return output[:, 1] > output[:, 0]
+        }
+        output = network.run(None, asked)[0]
+        rejected.append(output[:, 1] > output[:, 0])
+    return Verdict(rejected, perf_counter() - begin, '')
 
 
 class Features(NamedTuple):
