@@ -97,7 +97,14 @@ def _draw(  # noqa: PLR0913  what makes a picture
         _frame(other)
         scene.set_title(name, loc='left', fontsize=15, fontweight='bold', color=INK, pad=4)
     other.set_xlabel(below, fontsize=12, color=INK, labelpad=1)
-    _legend(figure, title)
+    entries = (
+        ('good point', '#8d9299'),
+        ('outlier still in the cloud', LEFT),
+        ('outlier taken out', FOUND),
+        ('good point taken out', LOST),
+    )
+    add_legend(figure, entries)
+    figure.text(0.012, 0.966, title, fontsize=13, color=INK)
     save(canvas, path, COLOURS)
 
 
@@ -188,17 +195,6 @@ def _scatter(
     for mask, colour in shown.coloured:
         some = order[mask[order]]
         axes.scatter(u[some], v[some], s=5 * size, c=colour, marker='o', linewidths=0)
-
-
-def _legend(figure: Figure, title: str) -> None:
-    entries = (
-        ('good point', '#8d9299'),
-        ('outlier still in the cloud', LEFT),
-        ('outlier taken out', FOUND),
-        ('good point taken out', LOST),
-    )
-    add_legend(figure, entries)
-    figure.text(0.012, 0.966, title, fontsize=13, color=INK)
 
 
 def add_legend(figure: Figure, entries: Sequence[tuple[str, str]]) -> None:

@@ -5,7 +5,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
 from lidar_outlier_lab.results.samples import Sample, simulated
 
 Table = Mapping[str, Sequence[Counted]]  # by the name of a form; of A, B and C
+Strip = tuple[Floats, Bools, Mapping[str, Bools]]
 
 CLOUDS = ('leslar-a', 'leslar-b', 'leslar-c')
 TITLES = {
@@ -202,26 +203,11 @@ ROW = 2.2  # inches
 SHORT_TITLES = {'a': '(a)', 'b': '(b)', 'c': '(c)', 'ab': '(a), then (b)'}
 
 
-class Strip(NamedTuple):
-    """A stretch of a road seen from the side.
-
-    Attributes
-    ----------
-    flat : (M, 2) along the street and up, metres
-    bad : (M,) bool
-    rejected : verdicts (M,) by method
-
-    """
-
-    flat: Floats
-    bad: Bools
-    rejected: Mapping[str, Bools]
-
-
 def cut_strip(sample: Sample, rejected: Mapping[str, Bools]) -> Strip:
     """Cut out the stretch of a street that has the most outliers: the road and what is above it.
 
-    The street runs along x; what stands beside the road is left out.
+    The street runs along x; what stands beside the road is left out. Seen from the side: where its
+    points are (M, 2), along the street and up, metres; which are outliers; verdicts by method.
     """
     (xyz,) = sample.clouds
     bad = sample.data.bad
@@ -236,20 +222,19 @@ def cut_strip(sample: Sample, rejected: Mapping[str, Bools]) -> Strip:
     middle = float(np.median(xyz[along & bad, 1])) if (along & bad).any() else 0.0
     shown = along & (np.abs(xyz[:, 1] - middle) < HALF) & (bad | on_road)
     flat = np.stack([xyz[shown, 0] - begin, xyz[shown, 2]], axis=1)
-    return Strip(flat, bad[shown], {name: one[shown] for name, one in rejected.items()})
+    return flat, bad[shown], {name: one[shown] for name, one in rejected.items()}
 
 
 def draw_strips(strips: Sequence[tuple[str, Strip]], path: Path) -> None:
     """Draw a row for each cloud: before, and after each method."""
     rows = []
-    for name, one in strips:
-        after = {
-            SHORT_TITLES.get(title, title.partition(',')[0]): r for title, r in one.rejected.items()
-        }
-        every = {'before': np.zeros(len(one.bad), np.bool_), **after}
+    for name, (flat, bad, verdicts) in strips:
+        every = {'before': np.zeros(len(bad), np.bool_)}
+        for title, rejected in verdicts.items():
+            every[SHORT_TITLES.get(title, title.partition(',')[0])] = rejected
         rows.append(
             [
-                panels.view(f'{name[-1].upper()}: {title}', one.flat, one.bad, ~rejected)
+                panels.view(f'{name[-1].upper()}: {title}', flat, bad, ~rejected)
                 for title, rejected in every.items()
             ]
         )

@@ -81,7 +81,11 @@ def draw(
     for panels, line in zip(rows, every, strict=True):
         (left, right), (bottom, top) = limits or _limits(panels)
         for panel, axes in zip(panels, line, strict=True):
-            _panel(axes, panel)
+            if panel.edges is not None:
+                axes.add_collection(LineCollection([*panel.edges], colors=EDGE, linewidths=0.7))
+            for layer in panel.layers:
+                axes.scatter(*layer.flat.T, s=layer.size, c=layer.colour, linewidths=0, zorder=2)
+            _dress(axes, panel.title)
             axes.set_xlim(left, right)
             axes.set_ylim(bottom, top)
             axes.set_xlabel(labels[0], fontsize=9, color=INK)
@@ -98,15 +102,6 @@ def _limits(panels: Sequence[PointPanel]) -> Limits:
     left, bottom = (low - 0.02 * (high - low)).tolist()
     right, top = (high + 0.02 * (high - low)).tolist()
     return (left, right), (bottom, top)
-
-
-def _panel(axes: Axes, panel: PointPanel) -> None:
-    if panel.edges is not None:
-        axes.add_collection(LineCollection([*panel.edges], colors=EDGE, linewidths=0.7))
-    for layer in panel.layers:
-        x, y = layer.flat.T
-        axes.scatter(x, y, s=layer.size, c=layer.colour, linewidths=0, zorder=2)
-    _dress(axes, panel.title)
 
 
 def _dress(axes: Axes, title: str) -> None:

@@ -82,7 +82,7 @@ def _images(seed: int, folder: Path, progress: Progress) -> str:
         *(
             paragraphs(
                 f'Distances {law}:',
-                _areas(got),
+                table(('AUC', *(f'k = {k}' for k in roc.NEIGHBOURS), 'best k'), _areas(got)),
                 image(f'pirotti2018_auc_{_stem(law)}.png', f'AUC against k, {law} distances'),
             )
             for law, got in found.items()
@@ -118,14 +118,12 @@ def _stem(law: str) -> str:
     return law.replace('-', '_')
 
 
-def _areas(found: roc.Found) -> str:
-    return table(
-        ('AUC', *(f'k = {k}' for k in roc.NEIGHBOURS), 'best k'),
-        [
-            (name, *(number(v, 3) for v in values), str(roc.NEIGHBOURS[found.best(name)]))
-            for name, values in found.auc.items()
-        ],
-    )
+def _areas(found: roc.Found, *first: str) -> list[tuple[str, ...]]:
+    """Give the areas of each statistic for each k, and the best k."""
+    return [
+        (*first, name, *(number(v, 3) for v in values), str(roc.NEIGHBOURS[found.best(name)]))
+        for name, values in found.auc.items()
+    ]
 
 
 def _limits(found: Mapping[str, roc.Found]) -> str:
@@ -267,16 +265,9 @@ def _buses(seed: int, folder: Path) -> str:
                 xyz = np.stack([track[axis] for axis in 'xyz'], axis=1).astype(np.float64)
                 xyz[:, 2] *= dimension == 'speed'
                 found = roc.explore(xyz, track['label'], Cause.DETOUR, measure=with_line)
-                rows += [
-                    (
-                        f'line {line}, {dimension}, {kind}',
-                        name,
-                        *(number(v, 3) for v in values),
-                        str(roc.NEIGHBOURS[found.best(name)]),
-                    )
-                    for name, values in found.auc.items()
-                ]
-                rates.append((f'line {line}, {dimension}, {kind}', *_rates(found)))
+                title = f'line {line}, {dimension}, {kind}'
+                rows += _areas(found, title)
+                rates.append((title, *_rates(found)))
                 if kind == 'hard' and dimension == 'flat':
                     stem = folder / f'pirotti2018_line_{line}'
                     draw_lines(found.auc, roc.NEIGHBOURS, stem, 'AUC')

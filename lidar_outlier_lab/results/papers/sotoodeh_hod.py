@@ -5,7 +5,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -147,27 +146,13 @@ def _figure_4(seed: int, folder: Path) -> str:
 AZIMUTH, ELEVATION = np.radians(-58.0), np.radians(16.0)  # from where it is seen
 
 
-class Course(NamedTuple):
-    """What each step leaves of the graphs, as pairs of indices of points, and of the points.
+def course(xyz: Floats, parameters: Hierarchical) -> tuple[Ints, Ints, Ints, Ints, Bytes]:
+    """Go through the steps, to draw them; no two points may coincide.
 
-    Attributes
-    ----------
-    tree, pruned_tree : (E, 2) int64, the spanning tree, and what is left of it
-    graph, pruned_graph : (E, 2) int64, the Gabriel graphs of the clusters of phase 1 that are large
-        enough, likewise
-    phase : (N,) uint8, the phase that rejected the point; 0: none
-
+    Edges are pairs of indices of points, (E, 2): of the spanning tree, and of what is left of it;
+    of the Gabriel graphs of the clusters of phase 1 that are large enough, likewise. Last comes the
+    phase (N,) that rejected each point; 0: none.
     """
-
-    tree: Ints
-    pruned_tree: Ints
-    graph: Ints
-    pruned_graph: Ints
-    phase: Bytes
-
-
-def course(xyz: Floats, parameters: Hierarchical) -> Course:
-    """Go through the steps, to draw them; no two points may coincide."""
     phase = hierarchical.detect(xyz, parameters).phase
     neighbourhood = Neighbourhood(xyz, 1)
     tree = hierarchical.spanning_tree(gabriel_graph(neighbourhood), len(xyz))
@@ -184,25 +169,24 @@ def course(xyz: Floats, parameters: Hierarchical) -> Course:
         pruned.append(ends[graph.length <= longest])
     ends = neighbourhood.order[tree.ends]
     empty = np.empty((0, 2), np.int64)
-    return Course(
-        ends, ends[kept], np.concatenate([empty, *graphs]), np.concatenate([empty, *pruned]), phase
-    )
+    left = np.concatenate([empty, *pruned])
+    return ends, ends[kept], np.concatenate([empty, *graphs]), left, phase
 
 
 def draw_course(scene: LabelledClusters, parameters: Hierarchical, path: Path) -> None:
     """Draw six panels: the cloud, its spanning tree, pruned, Gabriel graphs, pruned, the rest."""
-    steps = course(scene.xyz, parameters)
+    tree, pruned_tree, graph, pruned_graph, phase = course(scene.xyz, parameters)
     every = np.ones(len(scene.xyz), np.bool_)
-    rough, clean = steps.phase != 1, steps.phase == 0
+    rough, clean = phase != 1, phase == 0
     nothing = np.empty((0, 2), np.int64)
     confidences = parameters.global_confidence, parameters.local_confidence
     interval = [f'{100 * one:.0f} %' for one in confidences]
     shown = (
         (f'a  input: {len(scene.xyz)} points', every, nothing),
-        ('b  Euclidean minimum spanning tree', every, steps.tree),
-        (f'c  tree pruned by the {interval[0]} interval', every, steps.pruned_tree),
-        ('d  Gabriel graphs of the large clusters', rough, steps.graph),
-        (f'e  graphs pruned by the {interval[1]} interval', rough, steps.pruned_graph),
+        ('b  Euclidean minimum spanning tree', every, tree),
+        (f'c  tree pruned by the {interval[0]} interval', every, pruned_tree),
+        ('d  Gabriel graphs of the large clusters', rough, graph),
+        (f'e  graphs pruned by the {interval[1]} interval', rough, pruned_graph),
         (f'f  clean: {np.count_nonzero(clean)} points', clean, nothing),
     )
     flat = _project(scene.xyz)

@@ -170,8 +170,8 @@ def test_strip() -> None:
     """The stretch with the most outliers, the road and what is above it; no wall."""
     sample = street()
     rejected = sample.data.bad.copy()
-    one = leslar.cut_strip(sample, {'all': rejected})
-    assert one.bad.sum() == 3
-    assert (one.rejected['all'] == one.bad).all()
-    assert np.ptp(one.flat[:, 0]) < leslar.LENGTH
-    assert set(one.flat[:, 1]) == {0.0, 1.0}
+    flat, bad, verdicts = leslar.cut_strip(sample, {'all': rejected})
+    assert bad.sum() == 3
+    assert (verdicts['all'] == bad).all()
+    assert np.ptp(flat[:, 0]) < leslar.LENGTH
+    assert set(flat[:, 1]) == {0.0, 1.0}

@@ -124,19 +124,19 @@ def test_clusters(seed: int) -> None:
 def test_course() -> None:
     """Each step is made of the one before, and the last one is the result."""
     scene, parameters = simulate(0), Hierarchical()
-    steps = sotoodeh_hod.course(scene.xyz, parameters)
-    assert len(steps.tree) == len(scene.xyz) - 1
+    *edges, phase = sotoodeh_hod.course(scene.xyz, parameters)
+    assert len(edges[0]) == len(scene.xyz) - 1
     tree, pruned_tree, graph, pruned_graph = (
-        {(min(p, q), max(p, q)) for p, q in ends.tolist()} for ends in steps[:4]
+        {(min(p, q), max(p, q)) for p, q in ends.tolist()} for ends in edges
     )
     assert pruned_tree < tree
     assert pruned_graph < graph
-    rough = np.flatnonzero(steps.phase != 1)
+    rough = np.flatnonzero(phase != 1)
     # A minimum spanning tree is part of the Gabriel graph.
     assert {edge for edge in pruned_tree if edge[0] in rough} < graph
     assert {p for edge in graph for p in edge} == set(rough.tolist())
     clean = hierarchical.detect(scene.xyz, parameters)
-    np.testing.assert_array_equal(steps.phase, clean.phase)
+    np.testing.assert_array_equal(phase, clean.phase)
 
 
 # Scans from a tripod, and distances from a surface model ------------------------------------------
