@@ -15,9 +15,8 @@ from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exha
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, exactly, gather
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import Cloud, messages
-from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.scene import Scene, Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 LONGEST = 60.0  # seconds that a drive may take to give its points

@@ -16,9 +16,8 @@ from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, join, simulate
 from lidar_outlier_lab.simulation.world.particles import ThinFall
-from lidar_outlier_lab.simulation.world.scene import Air, Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene, Surface, box, ground, tube
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import Surface, box, ground, tube
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)

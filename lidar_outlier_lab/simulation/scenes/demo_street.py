@@ -15,9 +15,9 @@ from lidar_outlier_lab.simulation.scenes.spinning_streets import DRY, OPTICS, ri
 from lidar_outlier_lab.simulation.weather.drops import snow
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.particles import Fall, Puff
-from lidar_outlier_lab.simulation.world.scene import Air, Scene
-from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import (
+from lidar_outlier_lab.simulation.world.scene import (
+    Air,
+    Scene,
     Surface,
     barrier_arm,
     box,
@@ -25,6 +25,7 @@ from lidar_outlier_lab.simulation.world.surfaces import (
     ground,
     pole,
 )
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
 HALF_ROAD = 5.0  # metres from the middle of the road to its kerbs

@@ -8,9 +8,8 @@ from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, exhaust, lay_out
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
 from lidar_outlier_lab.simulation.world.particles import ThinFall
-from lidar_outlier_lab.simulation.world.scene import Air, Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene, Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
-from lidar_outlier_lab.simulation.world.surfaces import Surface, barrier_arm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 STREAM = 1701  # of random numbers, which no preset uses

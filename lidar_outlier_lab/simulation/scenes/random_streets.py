@@ -9,7 +9,7 @@ import numpy as np
 
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.particles import Puff
-from lidar_outlier_lab.simulation.world.surfaces import (
+from lidar_outlier_lab.simulation.world.scene import (
     Surface,
     ball,
     box,

@@ -27,9 +27,8 @@ from lidar_outlier_lab.simulation.world.drive import Block, Disturbances, Drive,
 from lidar_outlier_lab.simulation.world.particles import Fall
 from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.recording import Cloud, messages
-from lidar_outlier_lab.simulation.world.scene import Air, Scene
+from lidar_outlier_lab.simulation.world.scene import Air, Scene, Surface
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
-from lidar_outlier_lab.simulation.world.surfaces import Surface
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 
@@ -108,13 +107,11 @@ def _weigh(block: Block) -> Block:
 
 def plan(count: int, seed: int) -> Drive:
     """Draw the street of a seed, and how the vehicle passes through it."""
-    rng = np.random.default_rng([seed, count])
-    return _drive(SENSORS[count], WEATHER[count], seed, rng)
+    return _drive(SENSORS[count], WEATHER[count], seed)
 
 
-def _drive(
-    sensor: SpinningScanner | FreeScanner, weather: Weather, seed: int, rng: np.random.Generator
-) -> Drive:
+def _drive(sensor: SpinningScanner | FreeScanner, weather: Weather, seed: int) -> Drive:
+    rng = np.random.default_rng([seed, sensor.rings])
     start = rng.uniform(4.0, 9.0)
     things, air = _traffic(start, weather, rng)
     flight = (start + rng.uniform(-2.0, 14.0), rng.uniform(-3.0, 3.0))
@@ -167,7 +164,6 @@ def dry_turn(sensor: SpinningScanner | FreeScanner, seed: int) -> Cloud:
 
     What mirrors, edges and birds make of it is labelled.
     """
-    rng = np.random.default_rng([seed, sensor.rings])
-    drive = _drive(sensor, Weather(1, 0.0), seed, rng)
+    drive = _drive(sensor, Weather(1, 0.0), seed)
     block = gather(drive)
     return next(iter(messages(drive, [(drive.shots, block.clean)], lines_per_message=1)))

@@ -125,7 +125,8 @@ class CloudWeather:
 
     def _put(self, msg: Any, cloud: LabelledCloud, points: Points, convention: Convention) -> None:
         self._check(msg, convention)
-        if _most(points) < MIN_TURN_POINTS:
+        _, count = np.unique(points.line[points.valid], return_counts=True)
+        if count.max() < MIN_TURN_POINTS:  # of the ring that has most
             self.counts.untouched += 1
             return
         reflectance = cloud.learn(points)
@@ -153,12 +154,6 @@ class CloudWeather:
         self.counts.hidden += shots.measure(main)
         for echo in other:
             shots.measure_second(echo)
-
-
-def _most(points: Points) -> int:
-    """Count the returns of the ring that has most."""
-    _, count = np.unique(points.line[points.valid], return_counts=True)
-    return int(count.max())
 
 
 def _empty_rows(cloud: LabelledCloud, points: Points, convention: Convention) -> tuple[Ints, Bools]:

@@ -7,7 +7,7 @@ surface behind them. Where their echo is stronger than what is left of the surfa
 noise, it is measured instead. The same cloud, weather and seed always give the same result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -91,14 +91,7 @@ def make_both(  # noqa: PLR0913  what a weather depends on
 
 
 def check(weather: str, seed: int) -> None:
-    """Refuse a weather that there is not, and a negative seed.
-
-    Raises
-    ------
-    FilterError
-        If one of them is wrong.
-
-    """
+    """Refuse a weather that there is not, and a negative seed."""
     if weather not in WEATHERS:
         raise FilterError('the weather', f'one of {", ".join(WEATHERS)}', weather)
     if seed < 0:
@@ -159,32 +152,17 @@ def _fog(sweep: _Sweep) -> BothEchoes:
     return _hanging(cloud, Cause.FOG, sweep)
 
 
-class _PlumeRanges(NamedTuple):
-    """Least and most of what a :class:`.plumes.Plume` is drawn from, in this order."""
+def _behind_vehicles(
+    sweep: _Sweep, trail: Trail, ranges: Mapping[str, Position], cause: Cause, cell: float = 0.15
+) -> BothEchoes:
+    """Let vehicles leave plumes behind; ``trail`` makes those of one.
 
-    ratio: tuple[float, float]
-    lump: tuple[float, float]
-    uneven: tuple[float, float]
-    grains: tuple[float, float]
-    cell: float = 0.15
-
-
-def _behind_vehicles(sweep: _Sweep, trail: Trail, ranges: _PlumeRanges, cause: Cause) -> BothEchoes:
-    """Let vehicles leave plumes behind; ``trail`` makes those of one."""
+    ``ranges`` are the least and the most of what a :class:`.plumes.Plume` is drawn from, in order.
+    """
     around, rng = sweep.around, sweep.fixed
     puffs = [puff for start, heading in _vehicles(around, rng) for puff in trail(start, heading)]
-    ratio, lump, uneven, grains = (
-        low if low == high else rng.uniform(low, high) for low, high in ranges[:4]
-    )
-    cloud = plumes.Plume(
-        tuple(puffs),
-        ratio=ratio,
-        lump=lump,
-        uneven=uneven,
-        grains=grains,
-        cell=ranges.cell,
-        bottom=around.ground,
-    )
+    drawn = {name: rng.uniform(low, high) for name, (low, high) in ranges.items()}
+    cloud = plumes.Plume(tuple(puffs), **drawn, cell=cell, bottom=around.ground)
     return _hanging(cloud, cause, sweep)
 
 
@@ -200,7 +178,12 @@ def _spray(sweep: _Sweep) -> BothEchoes:
             puffs += plumes.trail((x, y, ground + 0.1), heading, length, density, rng)
         return puffs
 
-    ranges = _PlumeRanges((12.0, 50.0), (0.25, 1.5), (0.5, 1.8), (0.4, 4.0))
+    ranges = {
+        'ratio': (12.0, 50.0),
+        'lump': (0.25, 1.5),
+        'uneven': (0.5, 1.8),
+        'grains': (0.4, 4.0),
+    }
     return _behind_vehicles(sweep, trail, ranges, Cause.SPRAY)
 
 
@@ -214,7 +197,7 @@ def _dust(sweep: _Sweep) -> BothEchoes:
         growth = rng.uniform(0.1, 0.25)
         return plumes.trail((*start, ground), heading, length, density, rng, width, growth)
 
-    ranges = _PlumeRanges((15.0, 60.0), (0.4, 2.5), (0.4, 1.6), (0.6, 6.0))
+    ranges = {'ratio': (15.0, 60.0), 'lump': (0.4, 2.5), 'uneven': (0.4, 1.6), 'grains': (0.6, 6.0)}
     return _behind_vehicles(sweep, trail, ranges, Cause.DUST)
 
 
@@ -227,8 +210,8 @@ def _exhaust(sweep: _Sweep) -> BothEchoes:
         position = (*start, ground + 0.25)
         return plumes.trail(position, heading, length, density, rng, width=0.15, growth=0.2)
 
-    ranges = _PlumeRanges((20.0, 45.0), (0.3, 0.8), (0.6, 1.2), (1.0, 4.0), cell=0.1)
-    return _behind_vehicles(sweep, trail, ranges, Cause.EXHAUST)
+    ranges = {'ratio': (20.0, 45.0), 'lump': (0.3, 0.8), 'uneven': (0.6, 1.2), 'grains': (1.0, 4.0)}
+    return _behind_vehicles(sweep, trail, ranges, Cause.EXHAUST, cell=0.1)
 
 
 def _mixed(sweep: _Sweep) -> BothEchoes:

@@ -113,20 +113,15 @@ class NoddingScanner(FreeScanner):
     high: float = np.radians(52.0)
     turns: float = 181.0 * MINUTE  # a minute
     nods: float = 9.7 * MINUTE  # a minute
-    lasers: int = 4
+    rings: int = 4  # lasers
     apart: float = np.radians(2.8)
-
-    @property
-    def rings(self) -> int:
-        """Number of lasers."""
-        return self.lasers
 
     def directions(self, shot: Ints) -> Floats:
         """Return directions (3, N) of shots counted from the start of the curve, of length one."""
         minutes = self.seconds(shot) / MINUTE
         azimuth = -2.0 * np.pi * self.turns * minutes
-        beside = (shot % self.lasers - (self.lasers - 1) / 2.0) * self.apart
-        reach = (self.lasers - 1) / 2.0 * self.apart
+        beside = (shot % self.rings - (self.rings - 1) / 2.0) * self.apart
+        reach = (self.rings - 1) / 2.0 * self.apart
         middle, swing = (self.low + self.high) / 2.0, (self.high - self.low) / 2.0 - reach
         up = middle + swing * np.cos(2.0 * np.pi * self.nods * minutes) + beside * np.cos(azimuth)
         return np.stack([np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.sin(up)])

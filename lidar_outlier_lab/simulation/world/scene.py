@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: surfaces and what hangs in the air between them, and what rays meet.
 
+Surfaces are rows of numbers for the kernels of :mod:`.caster`; each function at the end makes one
+from its measures in metres and radians.
+
 Frame: x along the street, y to the left, z up, metres. Arrays of rays are component first,
 (3, ...), so that each component is contiguous. The first ray of a bundle is its centre; the others
 lie close to it.
@@ -9,6 +12,8 @@ lie close to it.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -16,12 +21,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
+from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints, Triple
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world import caster
-from lidar_outlier_lab.simulation.world.surfaces import Surface
+
+Point = Triple | Floats
 
 BUNDLE_REACH = 0.1  # metres that the rays of a bundle stay within of its centre
+STILL = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -81,6 +89,26 @@ class Hits:
     part: Ints
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What reflects.
+
+    Attributes
+    ----------
+    row : (caster.WIDTH,) its numbers for the kernels
+    kind, pane : what it is, and what its windows are
+    reflectance : share of the light that comes back at normal incidence, 0 to 1
+    cause : why points on it are outliers; GOOD: they are not outliers
+
+    """
+
+    row: Floats
+    kind: Kind
+    reflectance: float
+    cause: Cause = Cause.GOOD
+    pane: Kind = Kind.AIR
+
+
 @dataclass(frozen=True)
 class Scene:
     """Surfaces, and what hangs in the air."""
@@ -123,3 +151,141 @@ def towards(rays: Rays, centre: Floats, radius: float) -> NDArray[np.intp]:
     along = (gap * rays.direction[:, :, 0]).sum(axis=0)
     aside = (gap * gap).sum(axis=0) - along * along
     return np.flatnonzero((aside < (radius + rays.reach) ** 2) & (along > -radius))
+
+
+def _row(
+    shape: int, rest: Sequence[float], low: Point, high: Point, velocity: Triple = STILL
+) -> Floats:
+    """Lay out a row; ``low`` and ``high`` are corners of a box around the surface at t = 0."""
+    row = np.zeros(caster.WIDTH)
+    row[0] = shape
+    row[caster.LOW : caster.HIGH] = low
+    row[caster.HIGH : caster.VELOCITY] = high
+    row[caster.VELOCITY : caster.REST] = velocity
+    row[caster.REST : caster.REST + len(rest)] = rest
+    return row
+
+
+def _around(centre: Triple, half: Triple | float) -> tuple[Floats, Floats]:
+    """Low and high corner of a box around a centre."""
+    middle, away = np.array(centre), np.array(half)
+    return middle - away, middle + away
+
+
+def ground(
+    start: float,
+    end: float,
+    half_width: float,
+    crown: float = 0.0,
+    kind: Kind = Kind.ROAD,
+) -> Surface:
+    """Lay a road along x, highest in its middle; it is met from above only.
+
+    z = crown (1 - (y / half_width)²)
+    """
+    low = (start, -half_width, min(crown, 0.0))
+    high = (end, half_width, max(crown, 0.0))
+    rest = (start, end, half_width, crown)
+    return Surface(_row(caster.GROUND, rest, low, high), kind, 0.2)
+
+
+def _corners(a: Triple, b: Triple) -> tuple[Triple, Triple]:
+    """Low and high corner of a box, of any two opposite ones."""
+    low, high = zip(*map(sorted, zip(a, b, strict=True)), strict=True)
+    return low, high
+
+
+def box(
+    a: Triple, b: Triple, kind: Kind, reflectance: float = 0.4, velocity: Triple = STILL
+) -> Surface:
+    """Put up a box with its edges along the axes between opposite corners; it may move."""
+    low, high = _corners(a, b)
+    return Surface(_row(caster.BOX, (*low, *high), low, high, velocity), kind, reflectance)
+
+
+def building(  # noqa: PLR0913  the measures of its windows
+    a: Triple,
+    b: Triple,
+    *,
+    pane: Kind = Kind.FACADE,
+    reflectance: float = 0.4,
+    pitch: float = 3.0,
+    storey: float = 3.2,
+    window: tuple[float, float] = (1.3, 1.6),
+    recess: float = 0.2,
+    open_every: int = 4,
+    all_around: bool = False,
+) -> Surface:
+    """Put up a box between opposite corners, with recessed windows along the street, some open.
+
+    Cells of ``pitch`` by ``storey`` metres hold one window each, ``recess`` deep. Through every
+    ``open_every``-th a ray is lost inside; 0: all are closed. With ``all_around`` the walls across
+    the street have windows too.
+    """
+    sill, (low, high) = 0.9, _corners(a, b)
+    rest = (*low, *high, pitch, storey, *window, sill, recess, open_every, float(all_around))
+    row = _row(caster.BUILDING, rest, low, high)
+    return Surface(row, Kind.FACADE, reflectance, pane=pane)
+
+
+def tube(foot: Triple, top: Triple, radius: float, kind: Kind, reflectance: float = 0.4) -> Surface:
+    """Put up the outside of a tube between the middles of its ends: a trunk, a wire."""
+    start, end = np.array(foot), np.array(top)
+    # Not the norm by NumPy: BLAS adds in another order on another processor.
+    length = math.dist(foot, top)
+    if not length > 0.0:
+        raise FilterError('the ends of a tube', 'apart', f'{foot} twice')
+    rest = (*foot, *(end - start) / length, radius, length)
+    low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
+    return Surface(_row(caster.TUBE, rest, low, high), kind, reflectance)
+
+
+def pole(x: float, y: float, radius: float = 0.08, tall: float = 6.0) -> Surface:
+    """Put up an upright tube on (x, y)."""
+    return tube((x, y, 0.0), (x, y, tall), radius, Kind.POLE, 0.5)
+
+
+def barrier_arm(
+    pivot: Triple, length: float, angle: float, rate: float, radius: float = 0.05
+) -> Surface:
+    """Let a tube swing about a pivot beside the road, in the plane x = const., towards -y.
+
+    It is raised by ``angle`` (rad) at ``t = 0`` and by ``rate`` (rad/s) more as time goes on.
+    """
+    row = _row(caster.ARM, (*pivot, length, radius, angle, rate), *_around(pivot, length + radius))
+    return Surface(row, Kind.ARM, 0.6, Cause.BARRIER)
+
+
+def ball(centre: Triple, radius: float, velocity: Triple = STILL) -> Surface:
+    """Let a ball fly: a bird, to a scanner."""
+    row = _row(caster.BALL, (*centre, radius), *_around(centre, radius), velocity)
+    return Surface(row, Kind.AIR, 0.3, Cause.BIRD)
+
+
+def lid(
+    centre: Triple, radius: float = 0.35, relief: float = 0.006, spacing: float = 0.08
+) -> Surface:
+    """Lay the lid of a manhole: a disc at a height, with ribs and grooves in squares.
+
+    Ribs are ``spacing`` from each other, and grooves ``relief`` below them.
+    """
+    row = _row(caster.LID, (*centre, radius, relief, spacing), *_around(centre, radius + relief))
+    return Surface(row, Kind.MANHOLE, 0.45)
+
+
+def crown(  # noqa: PLR0913  the measures of its leaves
+    centre: Triple,
+    half: Triple,
+    seed: int = 0,
+    cell: float = 0.15,
+    leaf: float = 0.07,
+    share: float = 0.3,
+) -> Surface:
+    """Let the leaves of a tree or a hedge be discs of ``leaf`` metres radius in an ellipsoid.
+
+    One in each of a ``share`` of the cubes of ``cell`` metres that it is cut into; where, and how
+    it leans, is drawn from ``seed``, so that every ray finds the same leaf. A ray goes about
+    ``2 cell³ / (π leaf² share)`` metres deep.
+    """
+    rest = (*centre, *half, cell, leaf, share, seed)
+    return Surface(_row(caster.CROWN, rest, *_around(centre, half)), Kind.FOLIAGE, 0.4)

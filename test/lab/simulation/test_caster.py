@@ -9,10 +9,9 @@ import pytest
 from naive import raycast as naive
 
 from lidar_outlier_filter.evaluation.truth import Kind
-from lidar_outlier_lab.simulation.world import surfaces
+from lidar_outlier_lab.simulation.world import scene as surfaces
 from lidar_outlier_lab.simulation.world.caster import PANE
-from lidar_outlier_lab.simulation.world.scene import Rays, Scene
-from lidar_outlier_lab.simulation.world.surfaces import Surface
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene, Surface
 
 Vector = tuple[float, float, float]
 

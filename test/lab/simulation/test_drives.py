@@ -18,9 +18,8 @@ from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, rings
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
 from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.recording import clouds, messages, record
-from lidar_outlier_lab.simulation.world.scene import Rays, Scene
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene, box, ground
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner, _strongest
-from lidar_outlier_lab.simulation.world.surfaces import box, ground
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory, rotation
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
