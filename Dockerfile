@@ -24,4 +24,6 @@ RUN . /opt/ros/jazzy/setup.sh && colcon build --packages-select lidar_outlier_fi
 
 # The entry point of the image sources ROS; this sources the workspace, too.
 RUN sed --in-place 's|^exec|source /workspace/install/setup.bash\nexec|' /ros_entrypoint.sh
+# `docker stop` sends it: at SIGTERM `ros2 launch` does not stop the node, which loses its pending clouds.
+STOPSIGNAL SIGINT
 CMD ["ros2", "launch", "lidar_outlier_filter", "filter.launch.py"]

@@ -19,6 +19,8 @@ from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.topics import output_topics
 
+# Names that a launch may remap instead of `points` and its outputs
+INPUT, OUTPUTS = '~/input', ('~/output', '~/outliers')
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
 # Of plain CDR, by the identifier of the representation.
@@ -74,13 +76,18 @@ class SplitCloudPublisher:
 
 def _output_names(node: Node, topic: str) -> list[str]:
     """Name the outputs after the remapped input, unless they are remapped themselves."""
-    expanded = output_topics(node.resolve_topic_name(topic, only_expand=True))
-    followed = output_topics(node.resolve_topic_name(topic))
-    remapped = map(node.resolve_topic_name, expanded)
+    own = output_topics(node.resolve_topic_name(topic, only_expand=True))
+    names = own, OUTPUTS if topic == INPUT else own, output_topics(node.resolve_topic_name(topic))
     return [
-        new if new != old else name
-        for old, new, name in zip(expanded, remapped, followed, strict=True)
+        remapped(node, one) or remapped(node, other) or name
+        for one, other, name in zip(*names, strict=True)
     ]
+
+
+def remapped(node: Node, name: str) -> str:
+    """Return the topic that replaces ``name`` by a rule; '' without a rule."""
+    new = str(node.resolve_topic_name(name))
+    return new if new != node.resolve_topic_name(name, only_expand=True) else ''
 
 
 def read_cloud(received: bytes) -> PointCloud2:

@@ -82,8 +82,8 @@ def split_namespaces(text: str, topics: Iterable[str]) -> list[str]:
     return names
 
 
-def split_files(text: str, count: int) -> list[str]:
-    """Return the parameter file of each of ``count`` namespaces; '' without a file.
+def split_files(what: str, text: str, count: int) -> list[str]:
+    """Return the file of each of ``count`` namespaces, '' without one; ``what`` names them.
 
     Raises
     ------
@@ -94,11 +94,11 @@ def split_files(text: str, count: int) -> list[str]:
     paths = [path.strip() for path in text.split(',')]
     if len(paths) not in {1, count}:
         must_be = f'one file, or one for each of the {count} namespaces'
-        raise ParameterError('params_file', must_be, repr(text))
+        raise ParameterError(what, must_be, repr(text))
     for path in paths:
         # launch_ros would warn of it, and start with the defaults.
         if path and not Path(path).is_file():
-            raise ParameterError('params_file', 'a file that exists', repr(path))
+            raise ParameterError(what, 'a file that exists', repr(path))
     return paths if len(paths) == count else paths * count
 
 

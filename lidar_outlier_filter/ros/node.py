@@ -27,6 +27,7 @@ from lidar_outlier_filter.pipeline.topics import output_topics
 from lidar_outlier_filter.ros.channel import Channel, Show
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
+from lidar_outlier_filter.ros.endpoints import INPUT, remapped
 from lidar_outlier_filter.ros.live_parameters import TunableNode
 
 POINTS = 'points'
@@ -53,8 +54,7 @@ def _refuse_topic(what: str, name: str) -> None:
     try:
         validate_full_topic_name(expand_topic_name(name, NODE_NAME, '/'))
     except (InvalidTopicNameException, ValueError) as err:
-        must_be = 'a topic name that ROS 2 allows'
-        raise ParameterError(what, must_be, repr(name)) from err
+        raise ParameterError(what, 'a topic name that ROS 2 allows', repr(name)) from err
 
 
 class OutlierFilterNode(TunableNode):
@@ -175,6 +175,8 @@ class OutlierFilterNode(TunableNode):
     def _names(self) -> tuple[str, ...]:
         """Return the topics of the sensors, checked."""
         names = self.filter_parameters.inputs
+        if names == (POINTS,) and remapped(self, INPUT):
+            names = (INPUT,)
         for name in names:
             _refuse_topic('a topic of inputs', name)
         if len({self.resolve_topic_name(name) for name in names}) < len(names):
@@ -213,15 +215,7 @@ class OutlierFilterNode(TunableNode):
 
 
 class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[misc]
-    """Filters while it is active.
-
-    =============  ================================================================
-    state          contents
-    =============  ================================================================
-    unconfigured   parameters and services
-    inactive       idle publishers, too; no subscriptions
-    active         subscriptions and diagnostics, too
-    =============  ================================================================
+    """Filters while it is active: inactive it has idle publishers, unconfigured only services.
 
     Clouds received while active are published before the node becomes inactive.
     """

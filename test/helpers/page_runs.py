@@ -39,9 +39,7 @@ POINTS = 2000  # of a file of points
 NOT_RUN: Mapping[str, str] = {
     'ros2 ': 'needs an installed ROS; test_readme.py checks its arguments',
     'rviz2 ': 'needs a screen',
-    'cp $(ros2 ': 'needs an installed ROS; the file is shown, and test_readme.py reads it',
-    "echo ' chain:": 'the same',
-    'export FASTRTPS': 'needs an installed ROS; test_launch checks the profile',
+    'export FASTRTPS': 'needs an installed ROS; test_executable.py sets it',
     'ssh ': 'needs another machine',
     'eval "$(register-python-argcomplete': 'test_cli.py asks as a shell does',
     'git clone ': 'needs the network',

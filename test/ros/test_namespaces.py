@@ -47,10 +47,10 @@ def test_a_file_for_each_namespace(tmp_path: Path) -> None:
     left, right = (tmp_path / name for name in ('left.yaml', 'right.yaml'))
     for path in (left, right):
         path.touch()
-    assert split_files('', 2) == ['', '']
-    assert split_files(str(left), 2) == [str(left)] * 2
-    assert split_files(f'{left}, {right}', 2) == [str(left), str(right)]
+    assert split_files('params_file', '', 2) == ['', '']
+    assert split_files('params_file', str(left), 2) == [str(left)] * 2
+    assert split_files('params_file', f'{left}, {right}', 2) == [str(left), str(right)]
     with pytest.raises(ParameterError, match=r'^params_file must be one file, or one for each of'):
-        split_files(f'{left},{right}', 3)
+        split_files('params_file', f'{left},{right}', 3)
     with pytest.raises(ParameterError, match=r'^params_file must be a file that exists'):
-        split_files(f'{left},{tmp_path}/none.yaml', 2)
+        split_files('params_file', f'{left},{tmp_path}/none.yaml', 2)

@@ -58,7 +58,7 @@ def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str)
         (['points:=/top', 'points/cleaned:=/kept'], '/kept'),
         (['points:=/top', '/top/cleaned:=/kept'], '/kept'),
         (['points/cleaned:=/kept'], '/kept'),
-        (['inputs:=[~/input]', '~/input:=/top'], '/top/cleaned'),
+        (['~/input:=/top', '~/output:=/kept'], '/kept'),
         (['inputs:=[~/input]', '~/input:=/top', '~/input/cleaned:=/kept'], '/kept'),
     ],
 )
