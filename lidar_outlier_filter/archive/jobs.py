@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Jobs: read one recording or file, judge it, and build its outputs."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from lidar_outlier_filter.archive.locations import staged
+from lidar_outlier_filter.archive.locations import Location, staged
 from lidar_outlier_filter.archive.sidecar import (
     DONE,
     NO_CLOUDS,
@@ -21,22 +20,15 @@ from lidar_outlier_filter.archive.sidecar import (
     parameters_hash,
 )
 from lidar_outlier_filter.errors import NoCloudsError
-from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.files.clean import CleanReport, clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.replay import replay
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from lidar_outlier_filter.archive.locations import Location
-    from lidar_outlier_filter.files.clean import CleanReport
-    from lidar_outlier_filter.files.judged_file import JudgedFile
-    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
-
-    Note = Callable[[float], object]  # the share that is done; may raise to stop
-    Inform = Callable[[str], object]
+Note = Callable[[float], object]  # the share that is done; may raise to stop
+Inform = Callable[[str], object]
 
 HERE = 'this process'  # the worker of a record
 STEPS = ('reading', 'judging', 'writing')  # of a file

@@ -7,26 +7,19 @@ They are found and copied here; small ones are listed, read, written in one step
 Credentials and endpoints of a store are those of fsspec and of its file system.
 """
 
-from __future__ import annotations
-
 import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.disk.new_files import publish, writable
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
-from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
+from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached, written
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
-
-    State = tuple[int, str]  # bytes, and what changes with the content
+State = tuple[int, str]  # bytes, and what changes with the content
 
 METADATA = 'metadata.yaml'  # in the folder of a ROS 2 recording
 SUFFIXES = ('.mcap', '.db3', '.bag')

@@ -5,15 +5,13 @@
 One file that loads nothing; its table works without scripts.
 """
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from lidar_outlier_filter.archive.locations import exists, foreign, read_all, write
@@ -25,6 +23,8 @@ from lidar_outlier_filter.archive.rows import (
     MIN_OF_POINTS,
     REJECTED,
     SIGMA,
+    ArchiveRow,
+    Column,
     compare,
     length,
     on_page,
@@ -32,14 +32,9 @@ from lidar_outlier_filter.archive.rows import (
     share,
     signed,
 )
+from lidar_outlier_filter.archive.sidecar import ArchiveRecord
 from lidar_outlier_filter.errors import FilterError, printable
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-
-    from lidar_outlier_filter.archive.rows import ArchiveRow, Column
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 PAGE = 'archive.html'
 MARK = '<meta name="generator" content="lidar_outlier_filter {}">'

@@ -7,14 +7,13 @@ their names, the sidecar gets its own, and the new outputs get theirs. So the si
 killed run gave names to.
 """
 
-from __future__ import annotations
-
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lidar_outlier_filter.archive import sidecar
 from lidar_outlier_filter.archive.jobs import Task
@@ -28,16 +27,10 @@ from lidar_outlier_filter.archive.locations import (
     remove,
     write,
 )
-from lidar_outlier_filter.archive.sidecar import agrees, content_hash, mark_of
+from lidar_outlier_filter.archive.sidecar import ArchiveRecord, agrees, content_hash, mark_of
 from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all, writable
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.recordings.remote_path import reached, written
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
+from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached, written
 
 HIDDEN = '.unfinished'  # folder in that of the outputs
 PART_BYTES = 32 * 2**20  # of an upload: S3 accepts 10 000 parts

@@ -5,21 +5,14 @@
 A recording is odd if a share of it is far from the median of all recordings.
 """
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.archive.sidecar import DONE, FAILED
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.archive.sidecar import DONE, FAILED, ArchiveRecord
+from lidar_outlier_filter.core.annotations import Floats
 
 LIMIT = 3.5  # absolute robust z of an odd share
 MIN_COMPARED = 5  # recordings

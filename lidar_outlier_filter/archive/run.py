@@ -2,30 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a job over many recordings or files: skip what is done; a failure costs only its own."""
 
-from __future__ import annotations
-
 import os
 import socket
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.archive.jobs import Result
+from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Result, Task
 from lidar_outlier_filter.archive.publish import find_outputs, publish, workshop
-from lidar_outlier_filter.archive.sidecar import code_version, content_hash, parameters_hash
+from lidar_outlier_filter.archive.sidecar import (
+    ArchiveRecord,
+    code_version,
+    content_hash,
+    parameters_hash,
+)
+from lidar_outlier_filter.archive.workers import Workers
 from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Task
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.archive.workers import Workers
 
 POLL_S = 0.2  # between two checks for an interrupt
 AHEAD = 2  # tasks for each worker, of which one waits

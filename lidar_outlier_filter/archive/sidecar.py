@@ -6,19 +6,20 @@ It carries a seal, the hash of its own content. A file without a valid seal was 
 run, or was edited since.
 """
 
-from __future__ import annotations
-
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import lidar_outlier_filter
 from lidar_outlier_filter.archive.locations import (
+    Location,
+    State,
     exists,
     file_hash,
     file_state,
@@ -28,13 +29,8 @@ from lidar_outlier_filter.archive.locations import (
 )
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points.mask import content_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from lidar_outlier_filter.archive.locations import Location, State
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 DONE, FAILED, NO_CLOUDS = 'done', 'failed', 'no clouds'
 SUFFIX = '.json'  # after the name of an output

@@ -10,22 +10,18 @@ The check before the work only saves time: hours may pass until the end. ``renam
 files and empty folders. So the system is asked for a rename that refuses.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import fcntl
 import os
 import shutil
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, quote_error
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
 LOCK = '.lock-of-the-run'

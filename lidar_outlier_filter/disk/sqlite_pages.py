@@ -2,14 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open an SQLite database read-only; find out whether it is complete."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
 
 _MAGIC = b'SQLite format 3\0'
 _MIN_LIMIT = 2**20  # bytes of a value; SQLite's own words must fit

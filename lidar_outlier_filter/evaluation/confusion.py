@@ -12,19 +12,15 @@ threshold: they come last, all together. Equal scores have one point on the curv
 half in the area under the ROC curve, as in scikit-learn.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Reals
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Reals
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of the bootstrap
@@ -101,7 +97,7 @@ class Confusion:
     lost: int
     kept: int
 
-    def __add__(self, other: object) -> Confusion:
+    def __add__(self, other: object) -> 'Confusion':
         """Count both together."""
         if not isinstance(other, Confusion):
             return NotImplemented
@@ -267,7 +263,7 @@ class Curve:
         """Area under the steps of the precision–recall curve: Σ (Rₙ - Rₙ₋₁) Pₙ."""
         return float(np.sum(np.diff(self.recall) * self.precision[1:]))
 
-    def thinned(self, most: int = MAX_CURVE_POINTS) -> Curve:
+    def thinned(self, most: int = MAX_CURVE_POINTS) -> 'Curve':
         """Keep at most ``most`` points, the first and last included, evenly along the curve.
 
         One third each is even in recall, in false rejections and in log false rejections, so that

@@ -5,14 +5,16 @@
 From clouds, missing returns (NaN, Inf, 0 0 0) and placeholders of rejected points are left out.
 """
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Reals, Rows
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.core.verdict import DETECTORS, OUTLIER, SCORE
 from lidar_outlier_filter.errors import RecordingError
@@ -31,14 +33,6 @@ from lidar_outlier_filter.evaluation.labels import (
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.files.points import CLASSIFICATION
 from lidar_outlier_filter.messages.cloud import AXES, is_empty, structured
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Reals, Rows
 
 SURFACE = 'surface'
 # What the label of a simulated drive says.
@@ -83,7 +77,7 @@ class Judged:
         """Count the points."""
         return len(self.code)
 
-    def take(self, part: Bools | NDArray[np.intp]) -> Judged:
+    def take(self, part: Bools | NDArray[np.intp]) -> 'Judged':
         """Choose points by mask or index."""
         chosen: dict[str, Any] = {
             field.name: None if (column := getattr(self, field.name)) is None else column[part]

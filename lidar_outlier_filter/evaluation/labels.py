@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Labels of files, columns and clouds, and which of them mean outliers."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise, zip_longest
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Ints
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.files.cloud_file import check_file, open_cloud, read, readable
 from lidar_outlier_filter.files.points import CLASSIFICATION
 from lidar_outlier_filter.messages.cloud import is_empty, structured
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Ints
 
 MAX_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
 LABEL = 'label'

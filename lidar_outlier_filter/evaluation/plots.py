@@ -2,24 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of curves, as PNG and SVG: the same curves give the same bytes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from matplotlib.axes import Axes
-
-    from lidar_outlier_filter.evaluation.confusion import Confusion, Curve
+from lidar_outlier_filter.evaluation.confusion import Confusion, Curve
 
 INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
 # Okabe and Ito: distinguished by everybody, and in grey.

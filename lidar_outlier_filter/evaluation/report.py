@@ -2,21 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluation of verdicts against the truth, and its tables."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from lidar_outlier_filter.core.annotations import Ints
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
     SHARES,
     Confusion,
+    Curve,
     Interval,
     Share,
     confusion,
@@ -24,16 +25,9 @@ from lidar_outlier_filter.evaluation.confusion import (
     f1_interval,
     tally,
 )
-from lidar_outlier_filter.evaluation.labels import words
+from lidar_outlier_filter.evaluation.judged import Judged
+from lidar_outlier_filter.evaluation.labels import Codes, words
 from lidar_outlier_filter.evaluation.truth import Kind
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.core.annotations import Ints
-    from lidar_outlier_filter.evaluation.confusion import Curve
-    from lidar_outlier_filter.evaluation.judged import Judged
-    from lidar_outlier_filter.evaluation.labels import Codes
 
 STRETCHES = 20  # that a recording is cut into
 RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end

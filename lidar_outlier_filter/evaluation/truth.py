@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the fields of a labelled cloud say: why a point is where it is, and what reflected it."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

@@ -2,54 +2,46 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clean one file: read, judge, copy with the verdict, and write the log."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
 import platform
 import sys
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.annotations import Allocate, Progress
 from lidar_outlier_filter.core.detectors import registry
+from lidar_outlier_filter.core.engine.slow import SaySlow
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
 from lidar_outlier_filter.disk.new_files import new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.cloud_file import Change, CloudFile, open_cloud
 from lidar_outlier_filter.files.judged_file import (
     CLASS,
     MARK,
     SEPARATE,
     WITHHELD,
     CleanOptions,
+    JudgedFile,
     judge_file,
     timed,
 )
 from lidar_outlier_filter.files.points import say_coarse
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from numpy.typing import DTypeLike, NDArray
-
-    from lidar_outlier_filter.core.annotations import Allocate, Progress
-    from lidar_outlier_filter.core.engine.slow import SaySlow
-    from lidar_outlier_filter.files.cloud_file import CloudFile
-    from lidar_outlier_filter.files.judged_file import JudgedFile
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
+MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},

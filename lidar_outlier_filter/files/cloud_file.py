@@ -6,26 +6,19 @@ Readers compare what a header says with the size of its file before they allocat
 loop. What cannot be in the file is refused, and so is a wrong count of points.
 """
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.errors import CloudError, FilterError, quote_error
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools
-
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 _BYTES_AT_ONCE = 2**20
@@ -75,7 +68,7 @@ class Change:
         """Count the points of the copy of a file with ``total`` points."""
         return total if self.keep is None else int(np.count_nonzero(self.keep))
 
-    def part(self, rows: slice) -> Change:
+    def part(self, rows: slice) -> 'Change':
         """Return the change of some of the points, in a format without classes."""
         added = {name: values[rows] for name, values in self.added.items()}
         return Change(None if self.keep is None else self.keep[rows], added=added)

@@ -6,30 +6,23 @@ A copy that libE57 writes has other bytes for every point, and its Python side k
 pictures nor extensions. So nothing is written as E57 that looks like the file and is not.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pye57 import libe57
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.poses import SensorExtrinsics
 from lidar_outlier_filter.errors import CloudError, PoseError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
+from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile, check_count, check_fits
 from lidar_outlier_filter.files.ply import header_of
 from lidar_outlier_filter.files.rows import BinaryRows, to_common_frame
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.files.cloud_file import Change
 
 _CARTESIAN = ('cartesianX', 'cartesianY', 'cartesianZ')
 _ANGLES = ('sphericalRange', 'sphericalAzimuth', 'sphericalElevation')

@@ -2,36 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge the points of a file as a whole, in tiles or by strips, and spare chosen classes."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
+from lidar_outlier_filter.core.engine.slow import SaySlow
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, points
+from lidar_outlier_filter.files.cloud_file import CloudFile
+from lidar_outlier_filter.files.points import Loaded
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
-    from lidar_outlier_filter.core.engine.slow import SaySlow
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.files.cloud_file import CloudFile
-    from lidar_outlier_filter.files.points import Loaded
 
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
 CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are marked

@@ -5,17 +5,16 @@
 laspy rewrites parts of the header and the GeoTIFF keys. Copies get the original bytes back.
 """
 
-from __future__ import annotations
-
 import logging
 import signal
 import struct
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 import laspy
 import lazrs
@@ -23,27 +22,21 @@ import numpy as np
 from laspy import DecompressionSelection as Parts
 from laspy.header import LAS_HEADERS_SIZE
 from laspy.vlrs.vlrlist import VLRList
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.files import unpack_laz
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
+from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile
 from lidar_outlier_filter.files.las_header import (
     MAX_HEADER_BYTES,
     USER,
+    LasRecord,
     check_las_points,
     check_scaling,
     crs_name,
     metres_per_unit,
     read_records,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.files.cloud_file import Change
-    from lidar_outlier_filter.files.las_header import LasRecord
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions

@@ -7,12 +7,12 @@ PROJ reads the coordinate system from GeoTIFF keys or from WKT. A file that name
 metres.
 """
 
-from __future__ import annotations
-
 import math
 import struct
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, BinaryIO
+from pathlib import Path
+from typing import BinaryIO
 
 from laspy import VLR
 from pyproj import CRS
@@ -21,10 +21,6 @@ from pyproj.exceptions import CRSError
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import check_fits, check_offset, check_points
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
 
 MAX_HEADER_BYTES = 375  # bytes of a header that are read
 MIN_HEADER_BYTES = 227  # bytes of a header of LAS 1.0 to 1.2

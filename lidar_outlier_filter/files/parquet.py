@@ -6,31 +6,25 @@ A value that is repeated, or a run of zeros, takes a few bytes of the file howev
 A copy holds a row group in memory as a whole, to keep it; so one that becomes too large is refused.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
     CHUNK,
+    Change,
     CloudFile,
     check_count,
     check_fits,
     check_names,
     readable,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.files.cloud_file import Change
 
 MAX_GROUP_BYTES = 2**30  # bytes of a row group
 MAX_ROW_BYTES = 2**10  # bytes: a group of so many rows may be larger

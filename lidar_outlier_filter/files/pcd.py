@@ -6,18 +6,25 @@ Read here and not by pypcd4, the library there is: it prints the numbers of asci
 comments, gives padding random names, and holds whole files in memory. LZF is left to liblzf.
 """
 
-from __future__ import annotations
-
 import struct
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import lzf
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import check_count, check_fits, check_names, parse_count
+from lidar_outlier_filter.files.cloud_file import (
+    Change,
+    check_count,
+    check_fits,
+    check_names,
+    parse_count,
+)
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     RowFile,
@@ -25,13 +32,6 @@ from lidar_outlier_filter.files.rows import (
     read_header,
     single_numbers,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Rows
-    from lidar_outlier_filter.files.cloud_file import Change
 
 _KINDS = {'I': ('i', {1, 2, 4, 8}), 'U': ('u', {1, 2, 4, 8}), 'F': ('f', {4, 8})}
 _LETTERS = {kind: letter for letter, (kind, _) in _KINDS.items()}

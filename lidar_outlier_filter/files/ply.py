@@ -7,16 +7,16 @@ No library is used: plyfile's licence is the GPL, and meshio, trimesh and Open3D
 properties that they know.
 """
 
-from __future__ import annotations
-
 import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import check_fits, check_names, parse_count
+from lidar_outlier_filter.files.cloud_file import Change, check_fits, check_names, parse_count
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     RowFile,
@@ -24,12 +24,6 @@ from lidar_outlier_filter.files.rows import (
     read_header,
     single_numbers,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from lidar_outlier_filter.files.cloud_file import Change
 
 _NAMES = {
     'i1': ('char', 'int8'),

@@ -6,13 +6,14 @@ LAS has no column with the number of a scan line. There, lines are found by the 
 the motion of the mirror.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import (
@@ -28,15 +29,8 @@ from lidar_outlier_filter.core.points.points import (
 )
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
-    from lidar_outlier_filter.files.cloud_file import CloudFile
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.files.cloud_file import CloudFile
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
 TIMES = (GPS_TIME, *TIME_NAMES)

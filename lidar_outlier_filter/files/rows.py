@@ -5,25 +5,24 @@
 Rows are copied byte for byte; only requested columns are parsed.
 """
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_points
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
-    from lidar_outlier_filter.files.cloud_file import Change
+from lidar_outlier_filter.files.cloud_file import (
+    CHUNK,
+    Change,
+    CloudFile,
+    check_count,
+    check_points,
+)
 
 _MAX_HEADER_BYTES = 1_000_000  # bytes
 
@@ -33,7 +32,7 @@ class RowFile(CloudFile):
 
     _header: Sequence[bytes]
     _count: int
-    _rows: BinaryRows | TextRows
+    _rows: 'BinaryRows | TextRows'
 
     def __len__(self) -> int:
         """Count the points."""
@@ -79,7 +78,7 @@ class BinaryRows:
     @classmethod
     def map(
         cls, path: Path, offset: int, dtype: np.dtype[np.void], count: int, end: int | None = None
-    ) -> BinaryRows:
+    ) -> 'BinaryRows':
         """Map the rows of a file from ``offset`` on; refuse a wrong number of them up to ``end``.
 
         Without ``end``, the rows reach to the end of the file.

@@ -2,27 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A table of an SQLite database; the verdict becomes a table of its own beside it."""
 
-from __future__ import annotations
-
 import errno
 import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, parse_number
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.files.cloud_file import Change
+from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile, parse_number
 
 VERDICT = '_verdict'  # behind the name of the table
 ROW_ID = 'rowid'

@@ -8,16 +8,18 @@ A grid must stay whole, and readers count the numbers of a line: so a point that
 a missing return, and no column is added.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from codecs import BOM_UTF8
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
     FORMATS,
@@ -29,14 +31,6 @@ from lidar_outlier_filter.files.cloud_file import (
     parse_number,
 )
 from lidar_outlier_filter.files.rows import RowFile, TextRows, append, to_common_frame
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Floats
 
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)

@@ -7,15 +7,11 @@ memory. So it runs apart, with a limit. Nothing else is imported: it starts in s
 second.
 """
 
-from __future__ import annotations
-
 import resource
 import struct
 import sys
-from typing import TYPE_CHECKING, Any, BinaryIO
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from collections.abc import Sequence
+from typing import Any, BinaryIO
 
 MAX_MEMORY_BYTES = 2**31  # bytes
 VARIABLE = 2**32 - 1  # the size of chunks that differ

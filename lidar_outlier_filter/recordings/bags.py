@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read a recording in the form of ROS 2; write a new bag that appears complete or not at all."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import Any, Self
 
 from mcap.reader import SeekingReader
-from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
+from rosbags.interfaces import Connection, QosDurability, QosLiveliness, QosTime
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag2 import Reader as Reader2
@@ -22,15 +22,7 @@ from lidar_outlier_filter.disk.sqlite_pages import damage_of
 from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
 from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
-    from types import TracebackType
-    from typing import Self
-
-    from rosbags.interfaces import Connection
-
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 

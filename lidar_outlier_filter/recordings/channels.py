@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics of a recording, from its connections, and the conversion of messages to CDR."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from rosbags.convert.converter import is_same_wireformat
 from rosbags.interfaces import (
@@ -22,16 +21,12 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from lidar_outlier_filter.errors import RecordingError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from rosbags.interfaces.typing import Typesdict
-    from rosbags.typesys.store import Typestore
 
 _FOREVER = QosTime(9223372036, 854775807)
 # The ROS 2 profile of a latched ROS 1 topic: late subscribers still receive the last message.

@@ -2,31 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filter one cloud topic of a recording: messages in, output clouds out."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosbags.serde import SerdeError
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.node import MotionParameters
 from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.pipeline import Pipeline
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, output_topics, resolve
-from lidar_outlier_filter.recordings.bags import RELIABLE, Topic
+from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.message_times import MessageTimes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.parameters.node import MotionParameters
-    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-    from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 MAX_SENTENCES = 50  # of refusals that are kept
 

@@ -2,37 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Summarise a recording, and the verdict of the defaults on its first seconds."""
 
-from __future__ import annotations
-
 import math
 import struct
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rosbags.serde import SerdeError
 
-from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.annotations import Ints
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.channels import known_types
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, TopicReport
 from lidar_outlier_filter.recordings.message_times import MessageTimes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from lidar_outlier_filter.core.annotations import Ints
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.recordings.bags import Topic
-    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 SAMPLE_S = 3.0  # seconds of bag time that the filter judges
 WARM_UP_CLOUDS = 6  # clouds that load or compile the kernels which a sensor needs

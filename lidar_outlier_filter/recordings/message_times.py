@@ -2,20 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The times of the messages of a topic: their rate, gaps and jumps."""
 
-from __future__ import annotations
-
 import math
 from array import array
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Ints
 from lidar_outlier_filter.core.points.points import SECOND
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from lidar_outlier_filter.core.annotations import Ints
 
 MAX_TIME_NS = 2**63 - 1  # ns
 GAP_MEDIANS = 2.0  # median distances: messages are missing in a longer one

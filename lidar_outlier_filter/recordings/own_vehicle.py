@@ -2,29 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learns the own vehicle from a recorded drive."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from lidar_outlier_filter.core.points.mask import CHANGED, STEP, MaskLearner
-from lidar_outlier_filter.core.points.points import SECOND, concatenate
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.points.mask import CHANGED, STEP, Mask, MaskLearner
+from lidar_outlier_filter.core.points.points import SECOND, Points, concatenate
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import ODOMETRY
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Floats
-    from lidar_outlier_filter.core.points.mask import Mask
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 TURN_NS = SECOND * 9 // 100  # nanoseconds: about a turn
 MIN_TURNS = 10  # turns from elsewhere

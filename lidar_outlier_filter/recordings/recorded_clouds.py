@@ -2,30 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clouds of a recording as detectors receive them, moved by its odometry or not."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import Odometry
 from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
-from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.bags import Topic
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,14 @@ It has the methods of a path that rosbags and this package call, for any file sy
 The file system is given: this module imports none.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 BLOCK = 4 * 2**20  # bytes of a range
 BLOCKS = 8  # ranges that an open file keeps
@@ -59,7 +55,7 @@ class RemotePath:
         """Return the address, such as ``s3://bucket/drive.mcap``."""
         return str(self.system.unstrip_protocol(self.key))
 
-    def __truediv__(self, name: object) -> RemotePath:
+    def __truediv__(self, name: object) -> 'RemotePath':
         """Return the path of an entry of the folder."""
         return RemotePath(self.system, f'{self.key}/{name}')
 
@@ -79,11 +75,11 @@ class RemotePath:
         return PurePosixPath(self.key).suffix
 
     @property
-    def parent(self) -> RemotePath:
+    def parent(self) -> 'RemotePath':
         """The folder that it lies in."""
         return RemotePath(self.system, str(PurePosixPath(self.key).parent))
 
-    def with_name(self, name: str) -> RemotePath:
+    def with_name(self, name: str) -> 'RemotePath':
         """Return the path of another entry of its folder."""
         return RemotePath(self.system, str(PurePosixPath(self.key).with_name(name)))
 
@@ -102,13 +98,13 @@ class RemotePath:
         with reached(self):
             return bool(self.system.isfile(self.key))
 
-    def iterdir(self) -> Iterator[RemotePath]:
+    def iterdir(self) -> Iterator['RemotePath']:
         """List the entries of the folder."""
         with reached(self):
             keys = self.system.ls(self.key, detail=False)
         return (RemotePath(self.system, key) for key in keys)
 
-    def glob(self, pattern: str) -> Iterator[RemotePath]:
+    def glob(self, pattern: str) -> Iterator['RemotePath']:
         """List the entries of the folder that match a pattern."""
         return (path for path in self.iterdir() if PurePosixPath(path.key).match(pattern))
 

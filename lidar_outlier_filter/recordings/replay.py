@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filter a recording as the node would, without the node: nothing is dropped."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
@@ -16,16 +14,11 @@ from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
 from lidar_outlier_filter.recordings.bags import MAX_MESSAGE_BYTES, NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, TopicReport, check_motion
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 
 OWN_CHUNK_BYTES = 2**21  # bytes: a chunk that we write, beside a message that is longer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ MCAP files are read record by record, databases row by row, ROS 1 bags message b
 until it cannot be read further. Losses are counted.
 """
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import yaml
 from mcap.exceptions import EndOfFile
@@ -34,12 +33,7 @@ from lidar_outlier_filter.recordings.bags import (
     check_regular,
     texts_by_name,
 )
-from lidar_outlier_filter.recordings.channels import topic_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from lidar_outlier_filter.recordings.channels import Topic
+from lidar_outlier_filter.recordings.channels import Topic, topic_of
 
 MAX_REASONS = 1000  # that are kept
 _LOGS = ('-wal', '-journal')  # of SQLite, beside a database

@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cleaned and outlier clouds in the output of a run."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
+from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.channels import known_types
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from lidar_outlier_filter.recordings.bags import Recording
 
 
 def filtered_topic(source: Recording, topic: str | None) -> str:

@@ -6,24 +6,16 @@ Points picked at random are moved; their time and scan line stay, as for a wrong
 Class 1 are single points, class 2 clusters, which stay together.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.points.points import Points
-
 
 MAX_SHARE = 0.5
 CLUSTERED = 0.5  # of the outliers

@@ -2,23 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output of the tuner: tables, a parameter file, and commands for a running node."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from rich.table import Table
 
+from lidar_outlier_filter.core.annotations import Ints
 from lidar_outlier_filter.evaluation.confusion import CONFIDENCE, Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import limits, number_table, percent
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import as_yaml
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.core.annotations import Ints
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 @dataclass(frozen=True)

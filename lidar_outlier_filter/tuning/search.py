@@ -8,33 +8,25 @@ threshold is swept again with the others fixed, and kept if the chain improves. 
 F1 is measured on stretches that a search has not seen: the search is repeated without each fold.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Reals, Singles
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.thresholds import Threshold
 from lidar_outlier_filter.core.detectors.thresholds import threshold as threshold_of
-from lidar_outlier_filter.core.verdict import ALL
+from lidar_outlier_filter.core.verdict import ALL, Verdict
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED, f1, tally
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import as_yaml
 from lidar_outlier_filter.tuning.output import Tuned
-from lidar_outlier_filter.tuning.search_space import searches
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Reals, Singles
-    from lidar_outlier_filter.core.detectors.thresholds import Threshold
-    from lidar_outlier_filter.core.verdict import Verdict
-    from lidar_outlier_filter.tuning.search_space import Search, Values
-    from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_filter.tuning.search_space import Search, Values, searches
+from lidar_outlier_filter.tuning.training import Training
 
 MAX_ROUNDS = 5  # over all detectors, or until nothing changes
 TOLERANCE = 1e-3  # relative: values that are worth this much less are as good

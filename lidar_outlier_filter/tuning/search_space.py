@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search space of a chain: the threshold of each detector, and the settings to try with it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.thresholds import Threshold
 from lidar_outlier_filter.core.detectors.thresholds import threshold as find_threshold
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.filter import describe
-
-if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.thresholds import Threshold
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 Values = Mapping[str, Any]  # of parameters, by their names
 Grid = tuple[Values, ...]  # settings that exclude each other

@@ -2,37 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tuner learns from: points whose truth is known, judged as the node would judge them."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Bools, Ints
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, with_rings
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.labels import CloudLabels, is_recording, read_codes_of
+from lidar_outlier_filter.evaluation.labels import CloudLabels, Codes, is_recording, read_codes_of
 from lidar_outlier_filter.evaluation.report import STRETCHES
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
-from lidar_outlier_filter.tuning.inject import inject
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence, Sized
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.annotations import Bools, Ints
-    from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.evaluation.labels import Codes
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.inject import Injection
+from lidar_outlier_filter.tuning.inject import Injection, inject
 
 
 @dataclass(frozen=True)
@@ -65,7 +57,7 @@ class Training:
     refused: int = 0
     without_pose: int = 0
     frames: Sequence[str] = ()
-    parts: tuple[Training, ...] = ()
+    parts: tuple['Training', ...] = ()
 
     def __len__(self) -> int:
         """Count the points."""
