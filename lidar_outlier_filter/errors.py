@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import struct
 import traceback
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 # Errors of a program that comes upon what it did not expect.
 _OF_THE_READER = (
@@ -116,6 +117,23 @@ def quote_error(error: BaseException) -> str:
     if isinstance(error, _OF_THE_READER) or not text.strip():
         text = 'bytes that its format does not allow'
     return '"' + printable(' '.join(text.split())) + '"'
+
+
+@contextmanager
+def refusing(
+    kind: type[FilterError],
+    what: str,
+    must_be: str,
+    caught: type[Exception] = Exception,
+    passed: type[Exception] = FilterError,
+) -> Iterator[None]:
+    """Turn an error of a library, or of the system, into a refusal of this kind."""
+    try:
+        yield
+    except (FilterError, passed):
+        raise
+    except caught as err:  # readers of damaged files, and stores, raise anything
+        raise kind(what, must_be, quote_error(err)) from err
 
 
 class PoseError(FilterError):

@@ -32,7 +32,7 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.errors import ParameterError, refusing
 
 if TYPE_CHECKING:
     import argparse
@@ -291,11 +291,8 @@ def _folder(options: argparse.Namespace) -> Path | None:
     for root in roots:
         refuse_inside(output, root)
     if not options.dry_run:
-        try:
+        with refusing(ParameterError, f'--output {output}', 'a folder', OSError):
             output.mkdir(parents=True, exist_ok=True)
-        except OSError as err:
-            got = f'"{err.strerror}"'
-            raise ParameterError(f'--output {output}', 'a folder', got) from err
     return output
 
 

@@ -16,12 +16,12 @@ import fcntl
 import os
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import IO
 
-from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, quote_error
+from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, refusing
 
 FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
 LOCK = '.lock-of-the-run'
@@ -111,13 +111,11 @@ def _remove(folder: Path) -> None:
         shutil.rmtree(name, ignore_errors=True)
 
 
-@contextmanager
-def writable(path: object, error: type[FilterError] = RecordingError) -> Iterator[None]:
+def writable(
+    path: object, error: type[FilterError] = RecordingError
+) -> AbstractContextManager[None]:
     """Refuse, in one sentence, an output that cannot be written, as on a full disk."""
-    try:
-        yield
-    except OSError as err:
-        raise error(f'the output {path}', 'written in full', quote_error(err)) from err
+    return refusing(error, f'the output {path}', 'written in full', OSError)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import FilterError, RecordingError, refusing
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve
 
 INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
@@ -142,11 +142,11 @@ def save(figure: Figure, path: Path) -> list[Path]:
     """Write the picture in all forms; without a date and with fixed names inside."""
     FigureCanvasAgg(figure)
     files = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
-    try:
-        with rc_context({'svg.hashsalt': path.name}):
-            for file in files:
-                extra: dict[str, Any] = {'Date': None} if file.suffix == '.svg' else {}
-                figure.savefig(file, dpi=DPI, metadata=extra)
-    except OSError as err:
-        raise RecordingError(f'the picture {path}', 'written', err.strerror or err) from err
+    with (
+        refusing(RecordingError, f'the picture {path}', 'written', OSError),
+        rc_context({'svg.hashsalt': path.name}),
+    ):
+        for file in files:
+            extra: dict[str, Any] = {'Date': None} if file.suffix == '.svg' else {}
+            figure.savefig(file, dpi=DPI, metadata=extra)
     return files

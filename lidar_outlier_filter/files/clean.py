@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.engine.slow import SaySlow
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
 from lidar_outlier_filter.disk.new_files import new_files, writable
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, CloudFile, open_cloud
 from lidar_outlier_filter.files.judged_file import (
@@ -306,15 +306,15 @@ def _allocator(output: Path, tile: float) -> Allocate:
 
     def allocate(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
         size = np.dtype(dtype).itemsize * math.prod(shape)
-        try:
-            with TemporaryFile(dir=output.parent) as stream:
-                # Where the disk is full, an access to the array would end the process.
-                if size:
-                    os.posix_fallocate(stream.fileno(), 0, size)
-                stream.truncate(max(1, size))
-                return np.asarray(np.memmap(stream, dtype, 'r+', shape=shape))
-        except OSError as err:
-            must_be = f'able to hold {size} bytes beside the output, for --tile'
-            raise CloudError('the disk', must_be, f'"{err.strerror}"') from err
+        must_be = f'able to hold {size} bytes beside the output, for --tile'
+        with (
+            refusing(CloudError, 'the disk', must_be, OSError),
+            TemporaryFile(dir=output.parent) as stream,
+        ):
+            # Where the disk is full, an access to the array would end the process.
+            if size:
+                os.posix_fallocate(stream.fileno(), 0, size)
+            stream.truncate(max(1, size))
+            return np.asarray(np.memmap(stream, dtype, 'r+', shape=shape))
 
     return allocate

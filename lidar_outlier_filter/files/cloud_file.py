@@ -8,7 +8,7 @@ loop. What cannot be in the file is refused, and so is a wrong count of points.
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools
-from lidar_outlier_filter.errors import CloudError, FilterError, quote_error
+from lidar_outlier_filter.errors import CloudError, FilterError, refusing
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 _BYTES_AT_ONCE = 2**20
@@ -220,15 +220,9 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
         yield from file.copy(path, change)
 
 
-@contextmanager
-def readable(path: Path, ignored: type[Exception] = FilterError) -> Iterator[None]:
+def readable(path: Path, ignored: type[Exception] = FilterError) -> AbstractContextManager[None]:
     """Turn any error of a reader but ``ignored`` into a refusal in one sentence."""
-    try:
-        yield
-    except (FilterError, ignored):
-        raise
-    except Exception as err:  # readers raise anything on damaged files
-        raise CloudError(f'the file {path}', 'readable', quote_error(err)) from err
+    return refusing(CloudError, f'the file {path}', 'readable', passed=ignored)
 
 
 def check_names(path: Path, names: Iterable[str]) -> None:

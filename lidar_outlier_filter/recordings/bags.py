@@ -6,7 +6,6 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from mcap.reader import SeekingReader
@@ -19,7 +18,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 
 from lidar_outlier_filter.disk.new_files import FOLDER, new_files
 from lidar_outlier_filter.disk.sqlite_pages import damage_of
-from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
+from lidar_outlier_filter.errors import RecordingError, quote_error, refusing
 from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -246,14 +245,9 @@ class NewBag:
             self._finish = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Finish the bag and give it its name, or remove it if there was an error."""
-        self._finish.__exit__(kind, error, trace)
+        self._finish.__exit__(*error)  # type: ignore[arg-type]
 
     def add(self, topic: Topic) -> None:
         """Add a topic; it is in the bag even if no message follows."""
@@ -282,12 +276,8 @@ class NewBag:
 def _readable(path: RecordingPath) -> Iterator[None]:
     """Turn any error of a reader into a refusal in one sentence."""
     try:
-        try:
+        with refusing(RecordingError, f'the recording {path}', 'readable'):
             yield
-        except FilterError:
-            raise
-        except Exception as err:  # on damaged files, decoders raise any error
-            raise RecordingError(f'the recording {path}', 'readable', quote_error(err)) from err
     except RecordingError as err:
         vars(err).setdefault('is_damage', True)
         raise

@@ -7,38 +7,26 @@ The file system is given: this module imports none.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 from typing import Any, BinaryIO, cast
 
-from lidar_outlier_filter.errors import FilterError, RecordingError, quote_error
+from lidar_outlier_filter.errors import RecordingError, refusing
 
 BLOCK = 4 * 2**20  # bytes of a range
 BLOCKS = 8  # ranges that an open file keeps
 
 
-@contextmanager
-def reached(address: object) -> Iterator[None]:
+def reached(address: object) -> AbstractContextManager[None]:
     """Refuse, in one sentence, an address that is missing, forbidden or not reached."""
-    try:
-        yield
-    except FilterError:
-        raise
-    except Exception as err:  # each store has errors of its own
-        raise RecordingError(f'the address {address}', 'reached', quote_error(err)) from err
+    return refusing(RecordingError, f'the address {address}', 'reached')
 
 
-@contextmanager
-def written(address: object) -> Iterator[None]:
+def written(address: object) -> AbstractContextManager[None]:
     """Refuse, in one sentence, an output that could not be written to an address."""
-    try:
-        yield
-    except FilterError:
-        raise
-    except Exception as err:  # as above
-        raise RecordingError(f'the output {address}', 'written in full', quote_error(err)) from err
+    return refusing(RecordingError, f'the output {address}', 'written in full')
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, writable
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
-from lidar_outlier_filter.errors import RecordingError, printable, quote_error
+from lidar_outlier_filter.errors import RecordingError, printable, quote_error, refusing
 from lidar_outlier_filter.recordings.bags import (
     NewBag,
     Recording,
@@ -119,10 +119,8 @@ def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) ->
 def _checked(topic: Topic, time: int, data: bytes, largest: int, *, zipped: bool) -> bytes:
     """Give the bytes of a message, unpacked; refuse one that a bag cannot hold."""
     what = f'a message of {topic.name} at {time} ns'
-    try:
+    with refusing(RecordingError, what, 'readable'):  # a private type of the version of Python
         data = DECOMPRESSORS['zstd'](data, 0) if zipped else data
-    except Exception as err:  # a private type of the version of Python
-        raise RecordingError(what, 'readable', quote_error(err)) from err
     if len(data) > largest:
         raise RecordingError(what, f'of at most {largest} bytes', len(data))
     return data

@@ -58,5 +58,5 @@ def test_many_curves_and_refusals(tmp_path: Path) -> None:
     assert len({tuple(plots.style_of(i).values()) for i in range(9)}) == 9
     with pytest.raises(FilterError, match='must be at least one curve, got none'):
         plots.draw_roc({}, tmp_path / 'a')
-    with pytest.raises(FilterError, match='must be written, got No such file'):
+    with pytest.raises(FilterError, match='must be written, got "No such file'):
         plots.draw_roc({'a': one}, tmp_path / 'no' / 'a')
