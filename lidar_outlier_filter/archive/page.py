@@ -98,7 +98,7 @@ def page(
     rows = compare(records)
     names = sorted({name for row in rows for name in row.rejected_by})
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
-    done = [row for row in rows if row.is_done]
+    done = [row for row in rows if row.record.is_done]
     text = '\n'.join(
         [
             '<!DOCTYPE html>',
@@ -150,7 +150,7 @@ def _totals(
     """Give the sums over all rows."""
     sums = sum((row.sums for row in done), Counter())
     points, refused = sums['points'], sums['refused']
-    failed, odd = sum(row.is_failed for row in rows), sum(bool(row.odd) for row in done)
+    failed, odd = sum(row.record.is_failed for row in rows), sum(bool(row.odd) for row in done)
     empty = len(rows) - len(done) - failed
     seconds, duration = (
         sum(getattr(row.record, name) for row in done) for name in ('seconds', 'duration')
@@ -192,7 +192,7 @@ def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
     highest = max(REJECTED.value(row) for row in rows) or 1
     numbers, bars = iter(order), []
     while group := list(islice(numbers, each)):
-        bars.append(max(group, key=lambda n: (rows[n].is_failed, REJECTED.value(rows[n]))))
+        bars.append(max(group, key=lambda n: (rows[n].record.is_failed, REJECTED.value(rows[n]))))
     yield '<figure>'
     box = f'viewBox="0 0 {len(bars)} {HEIGHT + BELOW}"'
     yield f'<svg {box} preserveAspectRatio="none" role="img">'
@@ -202,9 +202,9 @@ def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
         row = rows[number]
         high = max(1.0, HEIGHT * REJECTED.value(row) / highest)
         top = HEIGHT - high
-        if row.is_failed:
+        if row.record.is_failed:
             top, high = HEIGHT + 1, BELOW - 1
-        kind = 'failed' if row.is_failed else 'odd' if row.odd else 'plain'
+        kind = 'failed' if row.record.is_failed else 'odd' if row.odd else 'plain'
         title = f'{row.record.source}: {row.record.error or percent(REJECTED.value(row))}'
         yield (
             f'<a href="#r{number}"><rect class="{kind}" x="{x + 0.1}" y="{top:.1f}" '
@@ -222,7 +222,7 @@ def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
 def _table(
     rows: Sequence[ArchiveRow], colours: Mapping[str, str], what: str, reports: Collection[str]
 ) -> Iterator[str]:
-    highest = max((REJECTED.value(row) for row in rows if row.is_done), default=0) or 1
+    highest = max((REJECTED.value(row) for row in rows if row.record.is_done), default=0) or 1
     columns = on_page(what)
     if len(rows) > MAX_SHOWN:
         text = f'show all {len(rows):,}, not only the first {MAX_SHOWN:,}'
@@ -245,12 +245,12 @@ def _table(
 def _head(row: ArchiveRow, ending: str, reports: Collection[str]) -> str:
     """Name a row, with links to its output and report, and what is odd about it."""
     record, links = row.record, ''
-    if row.is_done:
+    if row.record.is_done:
         address = f'./{quote(record.output, errors="surrogateescape")}'
         links = f' <a href="{address}{ending}">output</a>'
         if record.output in reports:
             links += f' <a href="{address}{REPORT}">report</a>'
-    kind = 'failed' if row.is_failed else 'odd' if row.is_done else 'plain'
+    kind = 'failed' if row.record.is_failed else 'odd' if row.record.is_done else 'plain'
     notes = ''.join(
         f'<small class="{kind}" tabindex="0" title="{_safe(line)}">{_unbroken(_safe(line))}</small>'
         for line in ([record.error] if record.error else row.odd)
@@ -263,7 +263,7 @@ def _head(row: ArchiveRow, ending: str, reports: Collection[str]) -> str:
 def _cells(
     row: ArchiveRow, columns: Sequence[Column], colours: Mapping[str, str], highest: float
 ) -> Iterator[str]:
-    if row.is_done:
+    if row.record.is_done:
         mark = ' class="odd"' if abs(row.z) >= LIMIT else ''
         yield f'<td{mark} data-sort="{abs(row.z)}">{signed(row.z)}</td>'
         for column in columns:
@@ -273,7 +273,7 @@ def _cells(
                 yield f'<td data-sort="{value}">{_bar(row, colours, highest)}</td>'
     else:
         kind, text, sort = (
-            ('failed',) * 2 + ('inf',) if row.is_failed else ('plain', 'no clouds', -1)
+            ('failed',) * 2 + ('inf',) if row.record.is_failed else ('plain', 'no clouds', -1)
         )
         yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
         yield '<td></td>' * (len(columns) + 1)  # and that of the bars

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidar_outlier_filter.archive.sidecar import DONE, FAILED, ArchiveRecord
+from lidar_outlier_filter.archive.sidecar import ArchiveRecord
 from lidar_outlier_filter.core.annotations import Floats
 
 LIMIT = 3.5  # absolute robust z of an odd share
@@ -48,16 +48,6 @@ class ArchiveRow:
             self.sums.update({k: v for k, v in counts.items() if isinstance(v, int)})
             self.rejected_by.update(counts['rejected_by'])
 
-    @property
-    def is_done(self) -> bool:
-        """Whether it has an output."""
-        return self.record.state == DONE
-
-    @property
-    def is_failed(self) -> bool:
-        """Whether it should have an output, but has none."""
-        return self.record.state == FAILED
-
     def of_points(self, name: str) -> float:
         """Return a count as a share of the points."""
         return share(self.sums[name], self.sums['points'])
@@ -81,7 +71,7 @@ class ArchiveRow:
 def compare(records: Iterable[ArchiveRecord]) -> list[ArchiveRow]:
     """Make a row for each record: failed ones first, then incomplete ones, then by ``z``."""
     rows = [ArchiveRow(record) for record in records]
-    done = [row for row in rows if row.is_done]
+    done = [row for row in rows if row.record.is_done]
     for text, least, shares in _shares(done) if len(done) >= MIN_COMPARED else ():
         values = np.array(shares)
         median = percent(float(np.median(values)))
@@ -93,7 +83,8 @@ def compare(records: Iterable[ArchiveRecord]) -> list[ArchiveRow]:
     for row in done:
         row.odd[:0] = row.lacks
     return sorted(
-        rows, key=lambda row: (not row.is_failed, not row.lacks, -abs(row.z), row.record.source)
+        rows,
+        key=lambda row: (not row.record.is_failed, not row.lacks, -abs(row.z), row.record.source),
     )
 
 

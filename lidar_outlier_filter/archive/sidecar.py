@@ -93,6 +93,16 @@ class ArchiveRecord:
     finished: str = ''
 
     @property
+    def is_done(self) -> bool:
+        """Whether it has an output."""
+        return self.state == DONE
+
+    @property
+    def is_failed(self) -> bool:
+        """Whether it should have an output, but has none."""
+        return self.state == FAILED
+
+    @property
     def refused(self) -> int:
         """Count the clouds without a result."""
         return sum(counts['refused'] for counts in self.topics.values())
@@ -107,7 +117,7 @@ class ArchiveRecord:
     def is_complete(self) -> bool:
         """Whether every message is in the output, and every cloud has a tested result."""
         lacks = self.refused or self.untested or self.unread or self.lost
-        return self.state == DONE and not lacks
+        return self.is_done and not lacks
 
 
 def as_text(record: ArchiveRecord, log: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from lidar_outlier_filter.archive.jobs import Job, Result, Task
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
@@ -82,14 +83,14 @@ def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
     from lidar_outlier_filter.archive.jobs import ReplayJob, Task
     from lidar_outlier_filter.archive.locations import find, path_at
-    from lidar_outlier_filter.archive.sidecar import FAILED
 
     path = path_at(options.recording)
     root = path.resolve() if isinstance(path, Path) else path
     locations, is_searched = find([str(root)]), root.exists()
     while not root.exists():
         root = root.parent
-    folder = _absolute(_output(options, root))
+    output = _output(options, root)
+    folder = output.absolute() if isinstance(output, Path) else output
     if is_searched:
         refuse_inside(folder, root)
     parameters = read_parameters(options.params, options.settings, options.chain)
@@ -101,7 +102,7 @@ def replay_archive(options: argparse.Namespace) -> int:
         tasks.append(Task(location, name, folder, (name.removesuffix(suffix),)))
     records, results = go_through(tasks, job, options, root.name, folder)
     show_replayed(tasks, records, results, job, folder)
-    if any(record.state == FAILED for record in records) and not options.salvage:
+    if any(record.is_failed for record in records) and not options.salvage:
         say('--salvage filters what can be read of damaged recordings')
     return status(records)
 
@@ -154,10 +155,6 @@ def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
     return beside(path, '_cleaned')
 
 
-def _absolute(path: RecordingPath) -> RecordingPath:
-    return path.absolute() if isinstance(path, Path) else path
-
-
 def refuse_inside(folder: RecordingPath, root: RecordingPath) -> None:
     """Refuse a folder of outputs that is searched for inputs."""
     inside = str(folder.resolve() if isinstance(folder, Path) else folder)
@@ -187,7 +184,7 @@ def go_through(
     from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
     from lidar_outlier_filter.archive.publish import check_reached, tidy
     from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
-    from lidar_outlier_filter.archive.sidecar import FAILED, read_folder
+    from lidar_outlier_filter.archive.sidecar import read_folder
 
     refuse_taken_names(tasks, job, {str(folder / PAGE): 'the page'} if folder is not None else {})
     page_folder = None if job.dry else folder
@@ -198,7 +195,7 @@ def go_through(
     results: dict[Task, Result] = {}
 
     def how_far() -> str:
-        count = sum(record.state != FAILED for record in records.values())
+        count = sum(not record.is_failed for record in records.values())
         said = f'{count} of {len(tasks)} {job.what}s are done'
         return f'{said}; the same command continues with the others'
 
@@ -211,10 +208,10 @@ def go_through(
                 leave = stack.enter_context(stopping())
                 shown = stack.enter_context(progress_bar(name, lines=True))
                 workers = stack.enter_context(_workers(options, todo, job))
-                for task, result in Run(job, workers, shown, leave, _once()).all(todo):
+                for task, result in Run(job, workers, shown, leave, cache(say)).all(todo):
                     results[task], records[task] = result, result.record
         if page_folder is not None:
-            failed = [record for record in records.values() if record.state == FAILED]
+            failed = [record for record in records.values() if record.is_failed]
             written = {record.source: record for record in (*read_folder(page_folder), *failed)}
             write_page(written.values(), page_folder, job.what)
     return [records[task] for task in tasks], results
@@ -240,22 +237,10 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
     jobs = min(jobs, len(todo))
     with ExitStack() as stack:
         if options.scheduler or options.scheduler_file:
-            found = workers.cluster_workers(options.scheduler, options.scheduler_file, _once())
+            found = workers.cluster_workers(options.scheduler, options.scheduler_file, cache(say))
         elif by_processes and jobs > 1:
             make_ready(job.filter)  # otherwise each worker would compile the same kernels
             found = workers.local_workers(jobs)
         else:
             found = workers.threads(jobs)
         yield stack.enter_context(found)
-
-
-def _once() -> Callable[[str], object]:
-    """Say each sentence once: most recordings of an archive are alike."""
-    said: set[str] = set()
-
-    def inform(sentence: str) -> None:
-        if sentence not in said:
-            said.add(sentence)
-            say(sentence)
-
-    return inform

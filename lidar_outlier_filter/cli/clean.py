@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -36,11 +36,14 @@ from lidar_outlier_filter.errors import ParameterError, refusing
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
     from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
+
+    Inspect = Callable[[JudgedFile], Worst | None]
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # suffixes of the stem of an output
 EXAMPLES = """\
@@ -176,7 +179,8 @@ def _clean(options: argparse.Namespace) -> int:
     if is_single:
         _check(options, 1, is_archive=False)
     picture = options.picture if options.picture is None or can_draw() else None
-    inspect = _WorstFinder(worst=bool(options.dry_run or options.picture), picture=picture)
+    wanted = bool(options.dry_run or options.picture)
+    inspect = partial(_find_worst, picture=picture, wanted=wanted)
     clean = _clean_one if is_single else _clean_many
     status = clean(options, parameters, folder, inspect)
     if picture is not None and picture.is_file():
@@ -188,7 +192,7 @@ def _clean_many(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    inspect: _WorstFinder,
+    inspect: Inspect,
 ) -> int:
     """Clean several files, or all files of folders."""
     from dataclasses import asdict
@@ -225,7 +229,7 @@ def _clean_one(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    inspect: _WorstFinder,
+    inspect: Inspect,
 ) -> int:
     """Clean a single file with a progress bar; an error ends the command."""
     from lidar_outlier_filter.files.clean import clean_file
@@ -253,27 +257,21 @@ def _clean_one(
     return INCOMPLETE if report.is_untested else DONE
 
 
-@dataclass(frozen=True)
-class _WorstFinder:
-    """Finds the worst tiles of a file, and draws them, before its outputs are written."""
+def _find_worst(judged: JudgedFile, picture: Path | None, *, wanted: bool) -> Worst | None:
+    """Find the worst tiles of a file, and draw them, before its outputs are written."""
+    if not wanted:
+        return None
+    from lidar_outlier_filter.report.worst import find
 
-    worst: bool
-    picture: Path | None
+    found = find(judged)
+    if picture is not None:
+        from lidar_outlier_filter.disk.new_files import new_output
+        from lidar_outlier_filter.errors import CloudError
+        from lidar_outlier_filter.report.figures import draw_worst
 
-    def __call__(self, judged: JudgedFile) -> Worst | None:
-        if not self.worst:
-            return None
-        from lidar_outlier_filter.report.worst import find
-
-        found = find(judged)
-        if self.picture is not None:
-            from lidar_outlier_filter.disk.new_files import new_output
-            from lidar_outlier_filter.errors import CloudError
-            from lidar_outlier_filter.report.figures import draw_worst
-
-            with new_output(self.picture, error=CloudError) as built:
-                draw_worst(judged, found, built)
-        return found
+        with new_output(picture, error=CloudError) as built:
+            draw_worst(judged, found, built)
+    return found
 
 
 def _folder(options: argparse.Namespace) -> Path | None:

@@ -12,6 +12,7 @@ import os
 import shlex
 import sys
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from io import TextIOWrapper
@@ -61,14 +62,6 @@ class CommandHelp(argparse.HelpFormatter):
         return text + '\n'
 
 
-class CommandParser(argparse.ArgumentParser):
-    """The parser of a command; ``epilog`` has a line with the word examples and one for each."""
-
-    def __init__(self, **settings: object) -> None:
-        """Show examples as they are."""
-        super().__init__(**{'formatter_class': CommandHelp, **settings})  # type: ignore[arg-type]
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name; return the exit status."""
     with handlers_kept():
@@ -90,7 +83,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(
-        dest='command', metavar='COMMAND', required=True, parser_class=CommandParser
+        dest='command',
+        metavar='COMMAND',
+        required=True,
+        parser_class=partial(argparse.ArgumentParser, formatter_class=CommandHelp),  # type: ignore[arg-type]
     )
     words = sys.argv[1:] if arguments is None else arguments
     for add in commands_for(words):

@@ -70,10 +70,11 @@ def print_counts(
     tasks: Sequence[Task], records: Sequence[ArchiveRecord], tried: Collection[Task], job: Job
 ) -> None:
     """Print how many are done, now and before, failed and incomplete."""
-    of_state = {state: [r for r in records if r.state == state] for state in _states()}
-    done, failed, empty = of_state.values()
-    states = {task: record.state for task, record in zip(tasks, records, strict=True)}
-    before = sum(states[task] == _states()[0] for task in states.keys() - set(tried))
+    done = [record for record in records if record.is_done]
+    failed = [record for record in records if record.is_failed]
+    empty = [record for record in records if not (record.is_done or record.is_failed)]
+    pairs = zip(tasks, records, strict=True)
+    before = sum(record.is_done and task not in tried for task, record in pairs)
     lacking = sum(not record.is_complete for record in done)
     counts = f'{len(done) - before} {job.done}, {before} done before'
     counts += f', {len(failed)} {job.failed}, {lacking} incomplete'
@@ -84,16 +85,10 @@ def print_counts(
     show(counts)
 
 
-def _states() -> tuple[str, str, str]:
-    from lidar_outlier_filter.archive import sidecar
-
-    return sidecar.DONE, sidecar.FAILED, sidecar.NO_CLOUDS
-
-
 def say_lacks(task: Task, record: ArchiveRecord) -> None:
     """Report the losses of an output, or why it is missing."""
     path = task.location.path
-    if record.state == _states()[1]:
+    if record.is_failed:
         say(record.error or 'no reason is known')
     if record.refused:
         say(f'{record.refused} clouds of {path} were refused and have no result')
@@ -149,11 +144,10 @@ def _state(record: ArchiveRecord, job: Job, *, is_new: bool) -> str:
 
 def status(records: Sequence[ArchiveRecord]) -> int:
     """Choose the exit status; recordings without clouds do not count."""
-    done, _, empty = _states()
-    if not any(record.state == done for record in records):
+    if not any(record.is_done for record in records):
         return REFUSED
-    fine = all(record.is_complete or record.state == empty for record in records)
-    return DONE if fine else INCOMPLETE
+    counted = [record for record in records if record.is_done or record.is_failed]
+    return DONE if all(record.is_complete for record in counted) else INCOMPLETE
 
 
 def show_cleaned(

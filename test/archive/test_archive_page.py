@@ -52,7 +52,7 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
     """Each oddness is named, and nothing else is odd."""
     found = compare(archive(60))
     assert {
-        row.record.source[-9:-5]: [row.record.error] if row.is_failed else row.odd
+        row.record.source[-9:-5]: [row.record.error] if row.record.is_failed else row.odd
         for row in found[:8]
     } == {
         '0005': [
