@@ -2,77 +2,52 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many recordings or files by one command: which ones, by which processes, progress, and page."""
 
-# ruff: noqa: PLC0415  help is instant
-
-from __future__ import annotations
-
+import argparse
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from lidar_outlier_filter.archive import workers
+from lidar_outlier_filter.archive.jobs import Job, ReplayJob, Result, Task
+from lidar_outlier_filter.archive.locations import (
+    PATTERN,
+    find,
+    is_recording,
+    location_of,
+    path_at,
+    staged,
+)
+from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
+from lidar_outlier_filter.archive.publish import check_reached, new_bag, tidy
+from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
+from lidar_outlier_filter.archive.sidecar import ArchiveRecord, read_folder
+from lidar_outlier_filter.archive.workers import Workers
 from lidar_outlier_filter.cli.tables import show_replayed, status
 from lidar_outlier_filter.cli.terminal import (
     beside,
     progress_bar,
     read_parameters,
+    refuse_inside,
     say,
     saying_how_far,
     stoppable_bar,
     stopping,
 )
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError
-
-if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Iterator, Sequence
-
-    from lidar_outlier_filter.archive.jobs import Job, Result, Task
-    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.archive.workers import Workers
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
-    from lidar_outlier_filter.recordings.replay import ReplayReport
+from lidar_outlier_filter.pipeline.compiling import make_ready
+from lidar_outlier_filter.recordings.remote_path import RecordingPath
+from lidar_outlier_filter.recordings.replay import ReplayReport, replay
 
 MIN_SHARED_BYTES = 300_000_000  # less is done before several processes have started
 MEGABYTE = 1_000_000
 
 
-def add_worker_options(parser: argparse.ArgumentParser) -> None:
-    """Add --jobs, --scheduler and --scheduler-file, which :func:`check_workers` checks."""
-    add = parser.add_argument
-    add(
-        '--jobs',
-        type=int,
-        metavar='N',
-        help='number of recordings or files processed at once; default: 1 for '
-        'recordings below 300 MB in total or if Dask is missing, else all cores',
-    )
-    add(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='address of a Dask cluster whose workers process whole recordings or files of a '
-        'folder, e.g. tcp://host:8786; inputs and outputs need the same paths there',
-    )
-    add('--scheduler-file', metavar='FILE', help='scheduler file, instead of ADDRESS')
-
-
-def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:
-    """Refuse options that contradict one another."""
-    if options.jobs is not None and options.jobs < 1:
-        raise FilterError('--jobs', 'at least 1', options.jobs)
-    cluster = options.scheduler or options.scheduler_file
-    if options.jobs is not None and cluster:
-        must_be = 'left out with --scheduler, whose cluster has its own processes'
-        raise FilterError('--jobs', must_be, options.jobs)
-    if cluster and not is_archive:
-        raise FilterError('--scheduler', 'for several recordings or files', 'one')
-
-
 def is_archive(address: str) -> bool:
     """Return whether an address is a folder of recordings, or a pattern."""
-    from lidar_outlier_filter.archive.locations import PATTERN, is_recording, path_at
-
     path = path_at(address)
     if not path.exists():
         return any(letter in address for letter in PATTERN)
@@ -81,9 +56,6 @@ def is_archive(address: str) -> bool:
 
 def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
-    from lidar_outlier_filter.archive.jobs import ReplayJob, Task
-    from lidar_outlier_filter.archive.locations import find, path_at
-
     path = path_at(options.recording)
     root = path.resolve() if isinstance(path, Path) else path
     locations, is_searched = find([str(root)]), root.exists()
@@ -109,10 +81,6 @@ def replay_archive(options: argparse.Namespace) -> int:
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:
     """Replay one recording in this process, with the kernels on all cores."""
-    from lidar_outlier_filter.archive.locations import location_of, path_at, staged
-    from lidar_outlier_filter.archive.publish import new_bag
-    from lidar_outlier_filter.recordings.replay import replay
-
     path = path_at(options.recording)
     output = _output(options, path)
     location = location_of(path)
@@ -146,20 +114,11 @@ def _replay_options(options: argparse.Namespace) -> dict[str, Any]:
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
     """Return the output that is given, or name one beside the input."""
-    from lidar_outlier_filter.archive.locations import path_at
-
     if options.output is not None:
         return path_at(options.output)
     if not isinstance(path, Path):
         raise FilterError('--output', 'given for recordings of a store', 'none')
     return beside(path, '_cleaned')
-
-
-def refuse_inside(folder: RecordingPath, root: RecordingPath) -> None:
-    """Refuse a folder of outputs that is searched for inputs."""
-    inside = str(folder.resolve() if isinstance(folder, Path) else folder)
-    if f'{inside}/'.startswith(f'{root}/'):
-        raise FilterError('the output', f'outside of {root}, which is searched', folder)
 
 
 def go_through(
@@ -181,11 +140,6 @@ def go_through(
         If the scheduler is gone.
 
     """
-    from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
-    from lidar_outlier_filter.archive.publish import check_reached, tidy
-    from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
-    from lidar_outlier_filter.archive.sidecar import read_folder
-
     refuse_taken_names(tasks, job, {str(folder / PAGE): 'the page'} if folder is not None else {})
     page_folder = None if job.dry else folder
     if page_folder is not None:
@@ -223,10 +177,6 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
 
     Small files are cleaned by threads: they are done before several processes have started.
     """
-    from lidar_outlier_filter.archive import workers
-    from lidar_outlier_filter.core.kernels.threads import cores
-    from lidar_outlier_filter.pipeline.compiling import make_ready
-
     is_large = sum(task.location.size for task in todo) >= MIN_SHARED_BYTES
     by_processes = is_large and workers.are_available()
     jobs = options.jobs

@@ -1,176 +1,53 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``clean``. Large modules are imported when it runs, so that ``--help`` is fast."""
+"""The command ``clean``. What many files need is imported for them only."""
 
-# ruff: noqa: PLC0415  see above
+# ruff: noqa: PLC0415  as said above
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli import tables
-from lidar_outlier_filter.cli.archive import (
-    add_worker_options,
-    check_workers,
-    go_through,
-    refuse_inside,
-)
+from lidar_outlier_filter.cli.arguments import check_workers
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
-    add_chain_option,
-    add_parameter_options,
     beside,
     can_draw,
     names_in,
     read_parameters,
+    refuse_inside,
     say,
     saying_how_far,
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.errors import ParameterError, refusing
+from lidar_outlier_filter.disk.new_files import FILE, check_new, new_output
+from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.cloud_file import SUFFIXES, copy_suffix
+from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
+from lidar_outlier_filter.files.text import is_prose
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Callable
-
     from lidar_outlier_filter.archive.jobs import Task
-    from lidar_outlier_filter.cli.terminal import Commands
-    from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
 
     Inspect = Callable[[JudgedFile], Worst | None]
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # suffixes of the stem of an output
-EXAMPLES = """\
-examples:
-  lidar-outlier-filter clean street.laz --dry-run --picture worst.png
-  lidar-outlier-filter clean strips --output cleaned --ignore-classes 7,18"""
 
 
-def add_clean(commands: Commands) -> None:
-    """Add the command ``clean``."""
-    parser = commands.add_parser(
-        'clean',
-        help='filter files of points',
-        description='Judge all points of a file together, and write a copy with every attribute '
-        'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
-        'databases; reads E57, written as PLY. Each copy gets a log, NAME.json. '
-        'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
-        'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
-        'are any. Exit status: 0 all done; 1 all refused, nothing written; 3 a file was refused '
-        'or fully untested, or matplotlib is missing.',
-        epilog=EXAMPLES,
-    )
-    add = parser.add_argument
-    add('files', type=Path, nargs='+', metavar='FILE', help='clouds, or folders of clouds')
-    _add_outputs(parser)
-    _add_marks(parser)
-    add(
-        '--strips',
-        action='store_true',
-        help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
-    )
-    add_worker_options(parser)
-    add(
-        '--tile',
-        type=float,
-        default=0.0,
-        metavar='METRES',
-        help='keep large arrays in files, for clouds larger than memory; quadric judges in square '
-        'tiles of this side, and its verdicts depend on it; a tile should hold about a million '
-        'points. Default: 0, in memory',
-    )
-    add(
-        '--columns',
-        metavar='X,Y[,Z]',
-        help='the two or three coordinates; default: x,y,z. Columns of a text file without a '
-        'header are called 1, 2, 3: --columns 1,2,3',
-    )
-    add(
-        '--unit',
-        choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
-        help='unit of the coordinates; default: from the LAS or LAZ header, else metres',
-    )
-    add('--table', metavar='NAME', help='table of a database; default: the only one')
-    add_chain_option(parser)
-    add_parameter_options(parser)
-    parser.set_defaults(run=_clean)
-
-
-def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options for output files."""
-    add = parser.add_argument
-    add(
-        '--output',
-        type=Path,
-        metavar='PATH',
-        help='new file, or the folder for it (for several files: a folder, which is created); '
-        'default: FILE_cleaned',
-    )
-    add(
-        '--outliers',
-        type=Path,
-        metavar='FILE',
-        help='new file for the rejected points (--rejected separate); default: FILE_outliers',
-    )
-    add(
-        '--dry-run',
-        action='store_true',
-        help='write no cloud; print rejected points by detector, class and place, and the '
-        'largest groups',
-    )
-    add(
-        '--picture',
-        type=Path,
-        metavar='FILE.png',
-        help='draw a map of rejected points, and the largest groups from the side, as a new PNG; '
-        'also in a dry run',
-    )
-
-
-def _add_marks(parser: argparse.ArgumentParser) -> None:
-    """Add the options for marking rejected points, and for excluding points by class."""
-    add = parser.add_argument
-    add(
-        '--rejected',
-        choices=('mark', 'remove', 'separate'),
-        help='mark (default): by classification 7 in LAS, by columns outlier, outlier_score and '
-        'outlier_detectors elsewhere (in a database: in a new table), in PTX as missing returns; '
-        'remove: leave them out; separate: write them to another file',
-    )
-    add(
-        '--mark',
-        choices=('class', 'noise', 'withheld'),
-        default='class',
-        help='how rejected points of LAS are marked: class (default): 7; noise: 7 below, 18 '
-        'above the kept points around; withheld: the withheld flag',
-    )
-    add(
-        '--scores',
-        action='store_true',
-        help='add outlier_score, outlier_detectors and outlier_reason, in LAS as extra bytes',
-    )
-    classes = 'C[,C…]'
-    add(
-        '--only-classes',
-        metavar=classes,
-        help='LAS classes whose points may be rejected; all others stay as they are',
-    )
-    add('--keep-classes', metavar=classes, help='LAS classes whose points stay as they are')
-    add(
-        '--ignore-classes',
-        metavar=classes,
-        help='LAS classes, such as 7,18 for known noise, whose points stay as they are and are not '
-        'used as neighbours',
-    )
-
-
-def _clean(options: argparse.Namespace) -> int:
+def run_clean(options: argparse.Namespace) -> int:
+    """Clean one file, or several; return the exit status."""
     parameters = read_parameters(options.params, options.settings, options.chain)
     if options.scores:
         parameters['scores'] = True
@@ -195,9 +72,8 @@ def _clean_many(
     inspect: Inspect,
 ) -> int:
     """Clean several files, or all files of folders."""
-    from dataclasses import asdict
-
     from lidar_outlier_filter.archive.jobs import CleanJob
+    from lidar_outlier_filter.cli.archive import go_through
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
@@ -208,8 +84,6 @@ def _clean_many(
 
 
 def _clean_options(options: argparse.Namespace) -> CleanOptions:
-    from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions
-
     return CleanOptions(
         rejected=options.rejected or (MARK if options.outliers is None else SEPARATE),
         coordinates=names_in(options.columns or ''),
@@ -232,9 +106,6 @@ def _clean_one(
     inspect: Inspect,
 ) -> int:
     """Clean a single file with a progress bar; an error ends the command."""
-    from lidar_outlier_filter.files.clean import clean_file
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-
     path, worst = options.files[0].absolute(), list[Any]()
     output, *outliers = (name.absolute() for name in _outputs(path, options, folder, path.name))
 
@@ -265,8 +136,6 @@ def _find_worst(judged: JudgedFile, picture: Path | None, *, wanted: bool) -> Wo
 
     found = find(judged)
     if picture is not None:
-        from lidar_outlier_filter.disk.new_files import new_output
-        from lidar_outlier_filter.errors import CloudError
         from lidar_outlier_filter.report.figures import draw_worst
 
         with new_output(picture, error=CloudError) as built:
@@ -296,8 +165,6 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
     """Refuse conflicting options."""
-    from lidar_outlier_filter.disk.new_files import FILE, check_new
-
     check_workers(options, is_archive=is_archive)
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and count > 1:
@@ -313,8 +180,6 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
 def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
     """List the tasks of all files; folders are searched recursively."""
     from lidar_outlier_filter.archive.locations import find_files
-    from lidar_outlier_filter.files.cloud_file import SUFFIXES
-    from lidar_outlier_filter.files.text import is_prose
 
     tasks = []
     for path in options.files:
@@ -347,9 +212,6 @@ def _outputs(
     path: Path, options: argparse.Namespace, folder: Path | None, source: str
 ) -> list[Path]:
     """Return the paths of a file's outputs, in ``folder`` or else beside the file."""
-    from lidar_outlier_filter.files.cloud_file import copy_suffix
-    from lidar_outlier_filter.files.judged_file import SEPARATE
-
     name = path.stem + CLEANED + copy_suffix(path)
     if folder is not None:
         output = folder / Path(source).with_name(name)

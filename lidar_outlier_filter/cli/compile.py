@@ -19,35 +19,14 @@ from lidar_outlier_filter.core.kernels import PORTABLE, listeners
 if TYPE_CHECKING:
     import argparse
 
-    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COMMAND_GROUP = 'lidar_outlier_filter.commands'  # entry points by which others add commands
 SENTENCE = 'kernels are compiled once, on the first run; this takes up to a minute'
 
 
-def add_compile(commands: Commands) -> None:
-    """Add the command ``compile``."""
-    parser = commands.add_parser(
-        'compile',
-        help='compile the kernels, so that the node starts in seconds',
-        description='Compile the kernels of the default chain and of the chains in config/, on all '
-        'cores. They are stored in NUMBA_CACHE_DIR if it is set, else beside the sources, else in '
-        'the cache of the user.',
-        epilog='examples:\n  lidar-outlier-filter compile\n'
-        '  lidar-outlier-filter compile --chain lof,sor',
-    )
-    parser.add_argument('--chain', metavar='A,B', help='compile the detectors of this chain only')
-    parser.add_argument(
-        '--portable',
-        action='store_true',
-        help=f'compile all detectors, for all {PORTABLE} processors, as in a wheel, into folders '
-        '"portable" beside the sources',
-    )
-    parser.set_defaults(run=_compile)
-
-
-def _compile(options: argparse.Namespace) -> int:
+def run_compile(options: argparse.Namespace) -> int:
+    """Compile what is not on disk yet."""
     if options.portable:  # before numba is there, and for the processes that this one starts
         os.environ.update(NUMBA_CPU_NAME=PORTABLE, NUMBA_CPU_FEATURES='')
     from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, complaints

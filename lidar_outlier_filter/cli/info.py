@@ -1,16 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``info``. It imports what is heavy when it runs, so that help is instant."""
-
-# ruff: noqa: PLC0415  as said above
+"""The command ``info``."""
 
 from __future__ import annotations
 
+import argparse
 import math
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.table import Table
+
+from lidar_outlier_filter.archive.locations import SUFFIXES, location_of, path_at, staged
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -19,57 +22,23 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.errors import refused_for
+from lidar_outlier_filter.errors import ParameterError, refused_for
+from lidar_outlier_filter.files.judged_file import describe_file
 
 if TYPE_CHECKING:
-    import argparse
-    from collections.abc import Iterator
-
-    from rich.table import Table
-
-    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.recordings.info import CloudInfo, RecordingInfo, ScanGeometry
 
 
-def add_info(commands: Commands) -> None:
-    """Add the command ``info``."""
-    parser = commands.add_parser(
-        'info',
-        help='print what a recording or file contains; try the defaults on recordings',
-        description='Print the topics of a recording, their rates, gaps and time jumps, how its '
-        'clouds are read, the layout of their scan lines, the share of points that the defaults '
-        'reject in a sample, and the filter speed. For a file of points: columns and extent. '
-        'Exit status: 0 all done; 1 refused; 3 done, but messages of the recording are '
-        'missing.',
-        epilog='examples:\n  lidar-outlier-filter info drive\n'
-        '  lidar-outlier-filter info street.laz',
-    )
-    parser.add_argument(
-        'path',
-        metavar='PATH',
-        help='recording, here or at s3://…, or a file of points such as .las',
-    )
-    parser.add_argument(
-        '--sample',
-        type=float,
-        default=3.0,
-        metavar='SECONDS',
-        help='seconds of a recording that the defaults judge; default: 3',
-    )
-    parser.set_defaults(run=_info)
-
-
-def _info(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.locations import SUFFIXES, location_of, path_at, staged
-    from lidar_outlier_filter.errors import ParameterError
-
+def run_info(options: argparse.Namespace) -> int:
+    """Print what a recording or a file contains."""
     if not 0 <= options.sample < math.inf:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
     path = path_at(options.path)
     if isinstance(path, Path) and not path.is_dir() and path.suffix.lower() not in SUFFIXES:
         _show_file(path)
         return DONE
-    from lidar_outlier_filter.recordings.info import describe_recording
+    # Files need no rosbags.
+    from lidar_outlier_filter.recordings.info import describe_recording  # noqa: PLC0415
 
     with staged(location_of(path)) as readable, stoppable_bar(path.name) as progress:
         info = describe_recording(readable, options.sample, progress)
@@ -175,8 +144,6 @@ def _counted(number: int, name: str) -> str:
 
 def _show_file(path: Path) -> None:
     """Print what is known of a file of points."""
-    from lidar_outlier_filter.files.judged_file import describe_file
-
     info = describe_file(path)
     table = numbers('column', 'type', 'least', 'largest', texts=2)
     for name, kind in info.columns.items():

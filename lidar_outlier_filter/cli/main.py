@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line; each command has a module of its own.
+"""The command line; a command is imported when it runs.
 
 Other packages add commands by entry points, as the laboratory does.
 """
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli import arguments
 from lidar_outlier_filter.cli.compile import COMMAND_GROUP
 from lidar_outlier_filter.cli.terminal import (
     INTERRUPTED,
@@ -33,19 +34,10 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.cli.arguments import Commands
 
-# Commands and their modules, in which `add_COMMAND` adds the parser; its default `run` runs it.
-COMMANDS = {
-    'replay': 'replay',
-    'clean': 'clean',
-    'report': 'report',
-    'info': 'info',
-    'mask': 'replay',
-    'evaluate': 'evaluate',
-    'tune': 'tune',
-    'compile': 'compile',
-}
+# `run_COMMAND` in the module of that name runs it; that of `mask` is in `replay`.
+COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune', 'compile')
 PROGRAM = 'lidar-outlier-filter'
 COMPLETING = '_ARGCOMPLETE'  # the environment variable by which a shell asks for completions
 INPUTS = ('recording', 'path', 'data', 'files')  # the arguments that name what a command works on
@@ -96,7 +88,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     try:
         _check(words)
-        status: int = options.run(options)
+        status: int = _runner(options)(options)
     except FilterError as err:
         say(f'{err}{_hint(options)}')
         return REFUSED
@@ -114,14 +106,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     """List the command that is asked for, or all, those of other packages too."""
     names = [name for name in COMMANDS if name in words[:1]]
-    known = [
-        getattr(import_module(f'lidar_outlier_filter.cli.{COMMANDS[name]}'), f'add_{name}')
-        for name in names or COMMANDS
-    ]
+    known = [getattr(arguments, f'add_{name}') for name in names or COMMANDS]
     if names:
         return known
     found = sorted(entry_points(group=COMMAND_GROUP), key=lambda one: one.name)
     return known + [one.load() for one in found]
+
+
+def _runner(options: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
+    """Import the function that runs a command; those of other packages bring theirs."""
+    if hasattr(options, 'run'):
+        return options.run  # type: ignore[no-any-return]
+    module = import_module(f'{__package__}.{options.command.replace("mask", "replay")}')
+    return getattr(module, f'run_{options.command}')  # type: ignore[no-any-return]
 
 
 def _check(words: Sequence[str]) -> None:

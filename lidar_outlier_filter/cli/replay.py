@@ -1,27 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands ``replay`` and ``mask``. They import what is heavy when they run."""
+"""The commands ``replay`` and ``mask``."""
 
-# ruff: noqa: PLC0415  as said above
-
-from __future__ import annotations
-
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.archive import (
-    add_worker_options,
-    check_workers,
-    is_archive,
-    replay_archive,
-    replay_one,
-)
+from rich.table import Table
+
+from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
+from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
+from lidar_outlier_filter.cli.arguments import check_workers
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     REFUSED,
-    add_chain_option,
-    add_parameter_options,
     can_draw,
     numbers,
     read_parameters,
@@ -30,79 +22,19 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
+from lidar_outlier_filter.core.points.mask import Mask, as_text
+from lidar_outlier_filter.disk.new_files import check_new, new_files
 from lidar_outlier_filter.errors import RecordingError
-
-if TYPE_CHECKING:
-    import argparse
-
-    from rich.table import Table
-
-    from lidar_outlier_filter.cli.terminal import Commands
-    from lidar_outlier_filter.core.points.mask import Mask
-    from lidar_outlier_filter.recordings.own_vehicle import LearntMask
-    from lidar_outlier_filter.recordings.replay import ReplayReport
-    from lidar_outlier_filter.recordings.salvage import Losses
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.own_vehicle import LearntMask, learn_mask
+from lidar_outlier_filter.recordings.replay import ReplayReport
+from lidar_outlier_filter.recordings.salvage import Losses
 
 MAX_REASONS = 5  # of losses, that are said in full
 
 
-def add_replay(commands: Commands) -> None:
-    """Add the command ``replay``."""
-    parser = commands.add_parser(
-        'replay',
-        help='filter the clouds of a recording',
-        description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
-        'TOPIC/outliers. For a folder of recordings, or a pattern, each recording gets an output '
-        'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused, '
-        'or all clouds refused: nothing is written; 3 written, but clouds or recordings '
-        'were refused and have no output, no point of a topic could be tested, or part of a '
-        'damaged recording is lost. Recordings without clouds are ignored.',
-        epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
-        "  lidar-outlier-filter replay 'drives/*' --output cleaned --set chain=[lof,sor]",
-    )
-    parser.add_argument(
-        'recording',
-        metavar='RECORDING',
-        help='bag folder, .mcap, .db3 or ROS 1 .bag; a folder of those; a pattern in quotes; an '
-        'address such as s3://…',
-    )
-    parser.add_argument(
-        '--output', metavar='DIR', help='new folder; default: RECORDING_cleaned, beside it'
-    )
-    parser.add_argument(
-        '--topic',
-        action='append',
-        default=[],
-        dest='topics',
-        metavar='T',
-        help='filter this topic only; may be repeated; default: all PointCloud2 topics',
-    )
-    add_chain_option(parser)
-    add_parameter_options(parser)
-    parser.add_argument(
-        '--drop-input',
-        action='store_true',
-        help='do not copy the input clouds',
-    )
-    parser.add_argument(
-        '--salvage',
-        action='store_true',
-        help='filter what can be read of a damaged recording, and count what is lost',
-    )
-    parser.add_argument(
-        '--largest-message',
-        type=int,
-        default=256,
-        metavar='MB',
-        help='maximum unpacked size of a message or chunk; default: %(default)s',
-    )
-    add_worker_options(parser)
-    parser.set_defaults(run=_replay)
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
-
+def run_replay(options: argparse.Namespace) -> int:
+    """Filter one recording, or all of a folder; return the exit status."""
     if options.largest_message < 1:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
     is_many = is_archive(options.recording)
@@ -166,39 +98,8 @@ def _table(report: ReplayReport) -> Table:
     return table
 
 
-def add_mask(commands: Commands) -> None:
-    """Add the command ``mask``."""
-    parser = commands.add_parser(
-        'mask',
-        help='learn the returns of the own vehicle from a drive',
-        description='Write a file for --set mask=FILE: directions and ranges of returns that '
-        'stay the same while the vehicle moves. Draw a picture beside it. Exit status: 0 all '
-        'done; 1 refused, for example because the vehicle stands still.',
-        epilog='examples:\n  lidar-outlier-filter mask drive --output car.csv\n'
-        '  lidar-outlier-filter mask drive --output car.csv --reach 15',
-    )
-    parser.add_argument('recording', type=Path, metavar='RECORDING', help='recording of a drive')
-    parser.add_argument(
-        '--output', type=Path, required=True, metavar='FILE', help='new mask, such as car.csv'
-    )
-    parser.add_argument('--topic', metavar='T', help='topic of the clouds; default: the only one')
-    parser.add_argument(
-        '--reach',
-        type=float,
-        default=10.0,
-        metavar='METRES',
-        help='largest range of a point of the vehicle; default: 10',
-    )
-    add_parameter_options(parser)
-    parser.set_defaults(run=_mask)
-
-
-def _mask(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.core.points.mask import as_text
-    from lidar_outlier_filter.disk.new_files import check_new, new_files
-    from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.own_vehicle import learn_mask
-
+def run_mask(options: argparse.Namespace) -> int:
+    """Learn the own vehicle from a drive."""
     picture = options.output.with_name(f'{options.output.name}.png')
     draws = can_draw()
     for path in (options.output, picture):
@@ -209,7 +110,7 @@ def _mask(options: argparse.Namespace) -> int:
     with new_files([options.output, picture][: 1 + draws]) as built:
         built[0].write_text(as_text(found.mask), 'ascii')
         if draws:
-            from lidar_outlier_filter.report.figures import draw_mask
+            from lidar_outlier_filter.report.figures import draw_mask  # noqa: PLC0415  an extra
 
             draw_mask(found.mask, built[1])
     _show_mask(options.output, found)

@@ -2,25 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables, sentences and exit status at the end of ``clean``, and of many replays."""
 
-# ruff: noqa: PLC0415  help is instant
-
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, numbers, say, show
 from lidar_outlier_filter.errors import printable
+from lidar_outlier_filter.files.clean import CleanReport
+from lidar_outlier_filter.files.judged_file import unit_text
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from rich.table import Table
-
     from lidar_outlier_filter.archive.jobs import Job, Result, Task
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-    from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
 MAX_ROWS = 1000  # of a table: more take a terminal seconds
@@ -108,9 +107,8 @@ def table_of_all(
     For recordings it fits into 80 columns; for files it has a column for the state. At most
     ``MAX_ROWS`` are shown, failed and incomplete ones first; the page has all.
     """
-    from rich import box
-
-    from lidar_outlier_filter.archive.rows import ArchiveRow, in_terminal
+    # One file needs no archive.
+    from lidar_outlier_filter.archive.rows import ArchiveRow, in_terminal  # noqa: PLC0415
 
     pairs = list(zip(tasks, records, strict=True))
     if len(pairs) > MAX_ROWS:
@@ -208,8 +206,6 @@ def _show(
 
 def _say_how(path: Path, report: CleanReport) -> None:
     """Report units, scan lines and other circumstances of how a file was judged."""
-    from lidar_outlier_filter.files.judged_file import unit_text
-
     if report.metres:
         unit = unit_text(report.metres)
         crs = f'; its coordinate system is {report.crs}' if report.crs else ''

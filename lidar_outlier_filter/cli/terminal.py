@@ -21,13 +21,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 from lidar_outlier_filter.errors import FilterError, ParameterError, printable
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, _SubParsersAction
     from collections.abc import Callable, Iterable, Iterator
     from types import FrameType
 
     from rich.table import Table
-
-    Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
 LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
 # Exit statuses; argparse itself exits with 2.
@@ -229,37 +226,17 @@ def beside(recording: Path, ending: str) -> Path:
     return path.with_name(name + ending)
 
 
+def refuse_inside(folder: Any, root: Any) -> None:
+    """Refuse a folder of outputs that is searched for inputs."""
+    inside = str(folder.resolve() if isinstance(folder, Path) else folder)
+    if f'{inside}/'.startswith(f'{root}/'):
+        raise FilterError('the output', f'outside of {root}, which is searched', folder)
+
+
 def say_unread(count: int) -> None:
     """Say how many messages a recording lacks, if any."""
     if count:
         say(f'{count} messages of its own count are missing in the recording')
-
-
-def add_parameter_options(parser: ArgumentParser) -> None:
-    """Add --params and --set, which :func:`read_parameters` reads; see :func:`add_chain_option`."""
-    parser.add_argument(
-        '--params',
-        type=Path,
-        action='append',
-        default=[],
-        metavar='FILE',
-        help='ROS parameter file (YAML), as for the node; may be repeated, later files win',
-    )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NAME=VALUE',
-        help='set one parameter, which overrides the files; may be repeated',
-    )
-
-
-def add_chain_option(parser: ArgumentParser) -> None:
-    """Add --chain, which :func:`read_parameters` reads, too."""
-    parser.add_argument(
-        '--chain', metavar='D[,D…]', help='detectors, in the order in which they run'
-    )
 
 
 def names_in(text: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import argparse
 
-    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.cli.arguments import Commands
 
 
 def add_demo(commands: Commands) -> None:

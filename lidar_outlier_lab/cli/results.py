@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.cli.arguments import Commands
     from lidar_outlier_filter.core.annotations import Progress
 
     # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.

@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.cli.arguments import add_parameter_options
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
-    add_parameter_options,
     beside,
     progress_bar,
     read_parameters,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.cli.arguments import Commands
     from lidar_outlier_filter.evaluation.truth import Cause
 
 STEPS = 1000  # of the bar

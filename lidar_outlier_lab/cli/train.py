@@ -10,9 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.cli.arguments import add_parameter_options
 from lidar_outlier_filter.cli.terminal import (
     DONE,
-    add_parameter_options,
     read_parameters,
     show,
     stoppable_bar,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.cli.arguments import Commands
     from lidar_outlier_filter.core.annotations import Progress
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner

@@ -18,8 +18,9 @@ from helpers import names
 from helpers.drives import write_drive
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli.arguments import add_parameter_options
 from lidar_outlier_filter.cli.main import commands_for, main
-from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
+from lidar_outlier_filter.cli.terminal import read_parameters
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
