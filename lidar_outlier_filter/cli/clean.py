@@ -29,8 +29,8 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.disk.new_files import FILE, check_new, new_output
-from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
+from lidar_outlier_filter.disk.new_files import check_new, new_output
+from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import SUFFIXES, copy_suffix
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
@@ -138,7 +138,7 @@ def _find_worst(judged: JudgedFile, picture: Path | None, *, wanted: bool) -> Wo
     if picture is not None:
         from lidar_outlier_filter.report.figures import draw_worst
 
-        with new_output(picture, error=CloudError) as built:
+        with new_output(picture) as built:
             draw_worst(judged, found, built)
     return found
 
@@ -174,7 +174,7 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:
-        check_new(options.picture, FILE, ParameterError, '--picture')
+        check_new(options.picture, what='--picture')
 
 
 def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:

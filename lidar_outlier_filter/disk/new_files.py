@@ -21,7 +21,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import IO
 
-from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, refusing
+from lidar_outlier_filter.errors import FilterError, refusing
 
 FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
 LOCK = '.lock-of-the-run'
@@ -111,17 +111,13 @@ def _remove(folder: Path) -> None:
         shutil.rmtree(name, ignore_errors=True)
 
 
-def writable(
-    path: object, error: type[FilterError] = RecordingError
-) -> AbstractContextManager[None]:
+def writable(path: object) -> AbstractContextManager[None]:
     """Refuse, in one sentence, an output that cannot be written, as on a full disk."""
-    return refusing(error, f'the output {path}', 'written in full', OSError)
+    return refusing(FilterError, f'the output {path}', 'written in full', OSError)
 
 
 @contextmanager
-def new_files(
-    paths: Sequence[Path], must_be: str = FILE, error: type[FilterError] = CloudError
-) -> Iterator[list[Path]]:
+def new_files(paths: Sequence[Path], must_be: str = FILE) -> Iterator[list[Path]]:
     """Give, for each new file, a path to write it at; move all to their names at the end.
 
     Until then they are, under their own names, in hidden folders beside them; no error, no Ctrl-C
@@ -131,31 +127,28 @@ def new_files(
     ----------
     paths : of the outputs
     must_be : ``FILE`` or ``FOLDER``
-    error : what is raised
 
     Raises
     ------
     FilterError
-        The ``error``, if two paths are the same, or one exists, at the start or at the end, or
+        If two paths are the same, or one exists, at the start or at the end, or
         cannot be written.
 
     """
     if len({path.resolve() for path in paths}) < len(paths):
-        raise error('the outputs', 'different files', ', '.join(map(str, paths)))
+        raise FilterError('the outputs', 'different files', ', '.join(map(str, paths)))
     for path in paths:
-        check_new(path, must_be, error)
-    with writable(next(iter(paths), 'of a dry run'), error), ExitStack() as stack:
+        check_new(path, must_be)
+    with writable(next(iter(paths), 'of a dry run')), ExitStack() as stack:
         hidden = [stack.enter_context(hidden_folder(path)) / path.name for path in paths]
         yield hidden
-        publish_all(hidden, paths, error)
+        publish_all(hidden, paths)
 
 
 @contextmanager
-def new_output(
-    path: Path, must_be: str = FILE, error: type[FilterError] = RecordingError
-) -> Iterator[Path]:
+def new_output(path: Path, must_be: str = FILE) -> Iterator[Path]:
     """Give a path to write a new file at, or an empty new folder; see :func:`new_files`."""
-    with new_files([path], must_be, error) as (built,):
+    with new_files([path], must_be) as (built,):
         if must_be == FOLDER:
             built.mkdir()
         yield built
@@ -169,7 +162,7 @@ def replaced(path: Path) -> Iterator[Path]:
 
     Raises
     ------
-    RecordingError
+    FilterError
         If there was no older one, and the name has been taken meanwhile.
     OSError
         If it cannot be written.
@@ -188,49 +181,40 @@ def replaced(path: Path) -> Iterator[Path]:
             built.replace(path)
 
 
-def check_new(
-    path: Path,
-    must_be: str = FILE,
-    error: type[FilterError] = RecordingError,
-    what: str = 'the output',
-) -> None:
+def check_new(path: Path, must_be: str = FILE, what: str = 'the output') -> None:
     """Refuse an output whose name is taken, before the work begins."""
     if os.path.lexists(path):
-        raise _taken(path, must_be, error, what)
+        raise _taken(path, must_be, what)
 
 
-def _taken(
-    path: Path, must_be: str, error: type[FilterError], what: str = 'the output'
-) -> FilterError:
-    return error(what, must_be, f'{path}, which exists; remove it, or name another')
+def _taken(path: Path, must_be: str, what: str = 'the output') -> FilterError:
+    return FilterError(what, must_be, f'{path}, which exists; remove it, or name another')
 
 
-def publish_all(
-    hidden: Sequence[Path], paths: Sequence[Path], error: type[FilterError] = CloudError
-) -> None:
+def publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
     """Give all files their names, or none: where one is refused, those before it lose theirs.
 
     Raises
     ------
     FilterError
-        The ``error``, if a name has been taken meanwhile, or the system refuses.
+        If a name has been taken meanwhile, or the system refuses.
 
     """
     with ExitStack() as undo:
         for built, path in zip(hidden, paths, strict=True):
-            with writable(path, error):
-                publish(built, path, error)
+            with writable(path):
+                publish(built, path)
             undo.callback(path.rename, built)
         undo.pop_all()
 
 
-def publish(built: Path, path: Path, error: type[FilterError] = RecordingError) -> None:
+def publish(built: Path, path: Path) -> None:
     """Give a file or a folder that is whole its name, on the same file system.
 
     Raises
     ------
     FilterError
-        The ``error``, if the name has been taken meanwhile; that output stays as it is.
+        If the name has been taken meanwhile; that output stays as it is.
     OSError
         If the system refuses.
 
@@ -240,7 +224,7 @@ def publish(built: Path, path: Path, error: type[FilterError] = RecordingError) 
         if not _rename_in_one_step(built, path):
             _rename_in_two_steps(built, path)
     except FileExistsError as err:
-        raise _taken(path, must_be, error) from err
+        raise _taken(path, must_be) from err
 
 
 def _rename_in_one_step(built: Path, path: Path) -> bool:

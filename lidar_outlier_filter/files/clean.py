@@ -142,8 +142,8 @@ def clean_file(  # noqa: PLR0913  many callbacks
 
     Raises
     ------
-    CloudError
-        If the file cannot be read or written, or the options do not fit it.
+    FilterError
+        If the file cannot be read, an output cannot be written, or the options do not fit.
     ParameterError
         If a parameter does not fit it.
 
@@ -159,12 +159,12 @@ def clean_file(  # noqa: PLR0913  many callbacks
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
             for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
-                with writable(cloud, CloudError):
+                with writable(cloud):
                     for done in cloud_file.copy(file, target, change):
                         progress(min(done, len(file)), len(file), 'writing')
         report = _report(judged, outputs[:-1], started, seconds)
         if built:
-            with writable(outputs[-1], CloudError):
+            with writable(outputs[-1]):
                 built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
     return report
 

@@ -236,7 +236,7 @@ class NewBag:
         """Begin the bag in its hidden folder."""
         with ExitStack() as stack:
             # In the hidden folder it has its final name already: its files are named after it.
-            (built,) = stack.enter_context(new_files([self.path], FOLDER, RecordingError))
+            (built,) = stack.enter_context(new_files([self.path], FOLDER))
             writer = Writer(built, version=9, storage_plugin=StoragePlugin.MCAP)
             for key, value in self._custom_data.items():
                 writer.set_custom_data(key, value)

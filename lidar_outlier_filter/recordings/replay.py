@@ -75,11 +75,9 @@ def replay(  # noqa: PLR0913  what the command line offers
 
     Raises
     ------
-    RecordingError
-        If the recording cannot be read or has no such topic, all of its clouds were refused, or the
-        output cannot be written.
-    ParameterError
-        If a parameter is invalid.
+    FilterError
+        If the recording cannot be read or has no such topic, all of its clouds were refused, the
+        output cannot be written, or a parameter is invalid.
 
     """
     given = FilterParameters().changed(parameters or {})

@@ -28,7 +28,7 @@ from lidar_outlier_filter.disk.new_files import (
     new_output,
     replaced,
 )
-from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.errors import CloudError, FilterError
 from lidar_outlier_filter.files.clean import _allocator
 from lidar_outlier_filter.files.cloud_file import open_cloud
 
@@ -59,7 +59,7 @@ def test_refused(tmp_path: Path) -> None:
             'the output .*a must be written in full, got "No such file or directory"',
         ),
     ):
-        with pytest.raises(CloudError, match=sentence), new_files(paths):
+        with pytest.raises(FilterError, match=sentence), new_files(paths):
             pytest.fail('never comes here')
     assert there.read_text() == 'mine'
     assert names(tmp_path) == ['there']
@@ -129,7 +129,7 @@ def test_what_was_made_meanwhile_stays(tmp_path: Path) -> None:
 
     for number, (must_be, kind) in enumerate(product((FILE, FOLDER), ('file', 'folder', 'link'))):
         path = tmp_path / f'{number}'
-        with pytest.raises(RecordingError, match=f'must be {must_be}, got {path}, which exists'):
+        with pytest.raises(FilterError, match=f'must be {must_be}, got {path}, which exists'):
             write(path, must_be, kind)
         assert names(tmp_path) == [f'{i}' for i in range(number + 1)]
         assert path.is_symlink() == (kind == 'link')
@@ -152,7 +152,7 @@ def test_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, must_be: str)
             (built / 'page' if must_be == FOLDER else built).write_text(text)
             then(path)
 
-    with pytest.raises(RecordingError, match='which exists'):
+    with pytest.raises(FilterError, match='which exists'):
         write('mine', Path.touch)
     path.unlink()
     page = path / 'page' if must_be == FOLDER else path
@@ -184,7 +184,7 @@ def test_all_or_none(tmp_path: Path) -> None:
                 path.write_text('mine')
             paths[1].write_text('theirs')
 
-    with pytest.raises(CloudError, match=r'the output must be a new file, got .*b, which exists'):
+    with pytest.raises(FilterError, match=r'the output must be a new file, got .*b, which exists'):
         write()
     assert names(tmp_path) == ['b']
     assert paths[1].read_text() == 'theirs'
@@ -198,7 +198,7 @@ def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
             built.unlink(missing_ok=True)
 
     (tmp_path / 'folder').mkdir()
-    with pytest.raises(RecordingError, match='written in full, got "No such file or directory"'):
+    with pytest.raises(FilterError, match='written in full, got "No such file or directory"'):
         write()
 
 
