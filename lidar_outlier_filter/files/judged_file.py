@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -13,9 +14,9 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
-from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
+from lidar_outlier_filter.core.engine.chain import along_lines
 from lidar_outlier_filter.core.engine.slow import SaySlow
-from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.points import Points
@@ -131,29 +132,26 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     """
     seconds: dict[str, float] = {}
     with timed(seconds, 'read'):
-        coordinates = points.choose_coordinates(file, options.coordinates)
-        unit = options.unit
-        known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
-        metres = {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
-        loaded = _load(file, coordinates, metres, options, parameters, allocate, progress)
+        coordinates, metres, loaded = _load(file, options, parameters, allocate, progress)
     with timed(seconds, 'judge'):
+        progress(0, 0, 'judging')
         classes = loaded.more.get(points.CLASSIFICATION) if file.classes else None
         codes = None if classes is None else cloud_file.filled(classes).astype(np.uint8)
         loaded, ignored = _without(loaded, codes, options.ignore)
         loaded = points.recovered(file, loaded, parameters)
-
-        def judge(cloud: Points) -> Verdict:
-            progress(0, 0, 'judging')
-            tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
-            return judge_whole(cloud, parameters, slow=slow, tile=tile, allocate=allocate)
-
-        everything = _judge_strips(loaded, judge) if options.strips else judge(loaded.points)
+        cloud = loaded.points
+        tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
+        judge = partial(judge_whole, parameters=parameters, slow=slow, tile=tile, allocate=allocate)
+        everything = _judge_strips(loaded, judge, progress) if options.strips else judge(cloud)
         verdict = everything
         if codes is not None and (options.only or options.keep):
             verdict = spare(everything, untouched(codes, options.only, options.keep))
-        kept = loaded.points.valid & ~verdict.rejected
-        high = is_high(loaded.points.xyz, kept, verdict.rejected)
-        left_low = _count_low(file, loaded, kept, parameters.threads)
+        kept = cloud.valid & ~verdict.rejected
+        high = is_high(cloud.xyz, kept, verdict.rejected)
+        # A scan from the ground (scan lines, no classes) has real low points at long range.
+        is_survey = cloud.ring is None and (file.classes or not loaded.lines)
+        left = np.flatnonzero(kept)
+        left_low = count_low(cloud.xyz, left, parameters.threads) if is_survey else 0
     return JudgedFile(
         file,
         options,
@@ -171,58 +169,49 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     )
 
 
-def _judge_strips(loaded: Loaded, judge: Callable[[Points], Verdict]) -> Verdict:
+def _judge_strips(
+    loaded: Loaded, judge: Callable[[Points], Verdict], progress: Progress
+) -> Verdict:
     """Judge each strip separately: flights over the same ground."""
     cloud, strip = loaded.points, cloud_file.filled(loaded.more[STRIP])
     verdict = Verdict.untested(len(cloud))
     for number in np.unique(strip):
+        progress(0, 0, 'judging')
         where = np.flatnonzero(strip == number)
         verdict.put(where, judge(cloud.take(where)))
     return verdict
 
 
-def _count_low(file: CloudFile, loaded: Loaded, kept: Bools, threads: int) -> int:
-    """Count the kept points that look like low points, unless it is a scan from the ground.
-
-    A scan from the ground (scan lines, no classes) has real low points at long range.
-    """
-    cloud = loaded.points
-    if cloud.ring is not None or (loaded.lines and not file.classes):
-        return 0
-    return count_low(cloud.xyz, np.flatnonzero(kept), threads)
-
-
-def _load(  # noqa: PLR0913  which points, and where to
+def _load(
     file: CloudFile,
-    coordinates: tuple[str, ...],
-    metres: Mapping[str, float],
     options: CleanOptions,
     parameters: FilterParameters,
     allocate: Allocate,
     progress: Progress,
-) -> Loaded:
-    """Read the points; refuse a chain that needs scan lines if the file has no lines."""
+) -> tuple[tuple[str, ...], dict[str, float], Loaded]:
+    """Read the points; return the columns of their coordinates, and metres per other unit, too."""
     named = (*options.only, *options.keep, *options.ignore)
     if named and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
     for one in named:
         if not 0 <= one <= MAX_CLASS:
             raise CloudError('a class', f'from 0 to {MAX_CLASS}', one)
-    # In tiles, detectors that can do without scan lines do.
-    chain = parameters.chain
+    coordinates = points.choose_coordinates(file, options.coordinates)
+    unit = options.unit
+    known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
+    metres = {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
     loaded = points.load(
         file,
         coordinates,
         parameters,
-        timed=bool(along_lines(chain)) if options.tile else uses_lines(chain),
+        # In tiles, detectors that can do without scan lines do.
+        timed=bool(along_lines(parameters.chain)) if options.tile else None,
         metres=metres,
         more=[points.CLASSIFICATION] * file.classes + [STRIP] * options.strips,
         allocate=allocate,
         progress=lambda done: progress(done, len(file), 'reading'),
     )
-    if loaded.lack:
-        check_chain(chain, str(file.path), loaded.lack)
-    return loaded
+    return coordinates, metres, loaded
 
 
 def _without(loaded: Loaded, codes: Bytes | None, ignore: Sequence[int]) -> tuple[Loaded, int]:

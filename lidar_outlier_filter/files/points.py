@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
-from lidar_outlier_filter.core.engine.whole_cloud import with_rings
+from lidar_outlier_filter.core.engine.chain import uses_lines
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import (
     INTENSITY_NAMES,
@@ -103,26 +104,28 @@ def load(  # noqa: PLR0913  which columns, and where to
     coordinates: Sequence[str],
     parameters: FilterParameters,
     *,
-    timed: bool,
+    timed: bool | None = None,
     metres: Mapping[str, float] | None = None,
     more: Sequence[str] = (),
     allocate: Callable[[tuple[int, ...]], Floats] = np.empty,
     progress: Callable[[int], object] = bool,
 ) -> Loaded:
-    """Read the points of a file, in metres.
+    """Read the points of a file, in metres; refuse a chain that needs scan lines it lacks.
 
     Parameters
     ----------
     file : CloudFile
     coordinates : two or three columns; z is 0 if there are two
     parameters : name the columns of time, line and standard deviation
-    timed : whether times and scan lines are needed
+    timed : whether times and scan lines are needed; None: where a detector uses them
     metres : metres per unit of coordinates in other units; None: as the file says
     more : further columns to read
     allocate : returns the array for the coordinates, in memory or in a file
     progress : called with the number of points read so far
 
     """
+    if timed is None:
+        timed = uses_lines(parameters.chain)
     mask = mask_of(parameters)
     ring = [] if mask is None else [_line_column(file, parameters, 'where there is a mask')]
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))
@@ -138,6 +141,8 @@ def load(  # noqa: PLR0913  which columns, and where to
         # A standard deviation has the unit of the coordinates beside it.
         size = sizes.get(coordinates[0], 1.0)
         found = _with_lines(file, points, columns, parameters, size)
+    if found.lack:
+        check_chain(parameters.chain, str(file.path), found.lack)
     return replace(found, more={name: columns[name] for name in more})
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Ints
 from lidar_outlier_filter.core.engine.blocks import Blocks
-from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.engine.whole_cloud import check_chain, with_rings
+from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
@@ -218,9 +218,7 @@ def _read_file(
     """Read the points of a file as one cloud, and the code of each."""
     file = open_cloud(path)
     names = file_points.choose_coordinates(file, ())
-    loaded = file_points.load(file, names, parameters, timed=uses_lines(parameters.chain))
-    if not loaded.lines:
-        check_chain(parameters.chain, str(path), loaded.lack)
+    loaded = file_points.load(file, names, parameters)
     valid = loaded.points.valid
     cloud = loaded.points.take(valid)
     if injection is None:

@@ -19,7 +19,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingError
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import replay
@@ -226,7 +226,7 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
         (RecordingError, "one of /lidar, /lidar/cleaned, got '/text'", (source, out, ['/text'])),
         (RecordingError, 'output topic of /lidar must be new', (source, out)),
         (ParameterError, r'alpha_beta_gamma\.before must be', (source, out, ['/lidar'], wrong)),
-        (RecordingError, 'must be a new folder', (source, source, ['/lidar/cleaned'])),
+        (FilterError, 'must be a new folder', (source, source, ['/lidar/cleaned'])),
     ):
         with pytest.raises(error, match=sentence):
             replay(*arguments)
