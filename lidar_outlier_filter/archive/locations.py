@@ -84,19 +84,17 @@ def is_recording(path: RecordingPath) -> bool:
     )
 
 
-def find(addresses: Iterable[str]) -> list[Location]:
-    """Find the recordings at addresses: each a recording, a folder of recordings, or a pattern.
+def find(address: str) -> list[Location]:
+    """Find the recordings at an address: a recording, a folder of recordings, or a pattern.
 
     Folders are searched recursively; hidden files are skipped.
     """
-    found: dict[str, Location] = {}
-    for address in addresses:
-        with reached(address):
-            locations = [one for path in _matching(path_at(address)) for one in _recordings(path)]
-        if not locations:
-            must_be = 'a recording, a folder of recordings, or a pattern for some'
-            raise RecordingError(f'what is at {address}', must_be, 'no recording')
-        found.update((str(location.path), location) for location in locations)
+    with reached(address):
+        locations = [one for path in _matching(path_at(address)) for one in _recordings(path)]
+    if not locations:
+        must_be = 'a recording, a folder of recordings, or a pattern for some'
+        raise RecordingError(f'what is at {address}', must_be, 'no recording')
+    found = {str(location.path): location for location in locations}
     return [found[name] for name in sorted(found)]
 
 

@@ -58,7 +58,7 @@ def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
     path = path_at(options.recording)
     root = path.resolve() if isinstance(path, Path) else path
-    locations, is_searched = find([str(root)]), root.exists()
+    locations, is_searched = find(str(root)), root.exists()
     while not root.exists():
         root = root.parent
     output = _output(options, root)

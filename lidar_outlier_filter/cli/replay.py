@@ -22,13 +22,12 @@ from lidar_outlier_filter.cli.terminal import (
     show,
     stoppable_bar,
 )
-from lidar_outlier_filter.core.points.mask import Mask, as_text
+from lidar_outlier_filter.core.points.mask import as_text
 from lidar_outlier_filter.disk.new_files import check_new, new_files
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.own_vehicle import LearntMask, learn_mask
 from lidar_outlier_filter.recordings.replay import ReplayReport
-from lidar_outlier_filter.recordings.salvage import Losses
 
 MAX_REASONS = 5  # of losses, that are said in full
 
@@ -64,14 +63,10 @@ def _show(report: ReplayReport) -> None:
         if topic.untested_because:
             say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:
-        _show_losses(report.lost)
+        counts = f'{report.lost.messages} messages and {report.lost.chunks} chunks'
+        reasons = '; '.join(report.lost.said(MAX_REASONS))
+        say(f'lost of the recording: at least {counts}: {reasons}')
     say_unread(report.unread)
-
-
-def _show_losses(lost: Losses) -> None:
-    """Say what could not be salvaged, and the first of the reasons."""
-    counts = f'{lost.messages} messages and {lost.chunks} chunks'
-    say(f'lost of the recording: at least {counts}: {"; ".join(lost.said(MAX_REASONS))}')
 
 
 def _table(report: ReplayReport) -> Table:
@@ -119,17 +114,14 @@ def run_mask(options: argparse.Namespace) -> int:
 
 def _show_mask(output: Path, found: LearntMask) -> None:
     """Print what was learnt, and how to use it."""
-    seen = found.mask.is_seen
+    mask, seen = found.mask, found.mask.is_seen
+    ranges = f', {mask.near.min():.2f} to {mask.far.max():.2f} m away' if seen.any() else ''
     by = f'by {found.odometry}' if found.odometry else 'by the scene'
     show(
         f'{found.topic}: {found.taken} of {found.turns} sweeps at new places ({by})',
         f'the vehicle is in {100 * seen.mean() if seen.size else 0.0:.1f} % of the directions'
-        + (_ranges(found.mask) if seen.any() else ''),
+        + ranges,
         f'written to {output}; use it with --set mask={output}',
     )
     if found.refused:
         say(f'{found.refused} of its clouds were refused, and not learnt from')
-
-
-def _ranges(mask: Mask) -> str:
-    return f', {mask.near.min():.2f} to {mask.far.max():.2f} m away'

@@ -5,6 +5,7 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
@@ -207,11 +208,7 @@ def _read_label(path: Path) -> NDArray[Any]:
     return np.frombuffer(data, '<u4') & MAX_CODE
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
-    return np.asarray(np.load(path, allow_pickle=False))
-
-
-_PLAIN = {'.label': _read_label, '.npy': _read_npy}
+_PLAIN = {'.label': _read_label, '.npy': partial(np.load, allow_pickle=False)}
 
 
 def words(name: str) -> str:

@@ -45,7 +45,7 @@ def content(path: remote_path.RecordingPath) -> list[tuple[str, int, bytes]]:
 @pytest.mark.parametrize('pattern', ['', '/2026', '/2026/*', '/2*/vlp*'])
 def test_recordings_are_found(store: Store, pattern: str) -> None:
     """A bucket, a folder and patterns give every recording once; nothing else."""
-    found = locations.find([f's3://drives{pattern}', 's3://drives/2026/'])
+    found = locations.find(f's3://drives{pattern}')
     names = [f's3://drives/2026/{name}' for name in (BAG, DATABASE, MCAP)]
     assert [str(location.path) for location in found] == names
     assert [location.by_ranges for location in found] == [False, False, True]
@@ -59,17 +59,17 @@ def test_recordings_are_found(store: Store, pattern: str) -> None:
 def test_local_recordings_are_found_alike(recordings: Path) -> None:
     """A folder of this machine gives what its copy on a store gives, with the same sizes."""
     bags = recordings / 'bags'
-    found = locations.find([str(bags / 'vlp16*'), str(bags / MCAP)])
+    found = locations.find(str(bags / 'vlp16*'))
     assert [location.path for location in found] == [bags / BAG, bags / DATABASE, bags / MCAP]
     sizes = [sum(f.stat().st_size for f in (bags / n).iterdir()) for n in (DATABASE, MCAP)]
     assert [location.size for location in found] == [(bags / BAG).stat().st_size, *sizes]
-    assert locations.find([f'file://{bags / MCAP}']) == found[2:]
+    assert locations.find(f'file://{bags / MCAP}') == found[2:]
 
 
 @pytest.mark.parametrize('name', [MCAP, BAG, DATABASE])
 def test_a_store_gives_the_same_messages(store: Store, recordings: Path, name: str) -> None:
     """Every message of a recording is read from a store as from this machine."""
-    (location,) = locations.find([f's3://drives/2026/{name}'])
+    (location,) = locations.find(f's3://drives/2026/{name}')
     with locations.staged(location) as path:
         assert isinstance(path, RemotePath) == (name == MCAP)
         assert content(path) == content(recordings / 'bags' / name)
@@ -80,7 +80,7 @@ def test_a_store_gives_the_same_messages(store: Store, recordings: Path, name: s
 def test_ranges_are_read_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opening reads the ends of a file; reading all fetches hardly more ranges than it has."""
     monkeypatch.setattr(remote_path, 'BLOCK', 2**17)
-    (location,) = locations.find([f's3://drives/2026/{MCAP}'])
+    (location,) = locations.find(f's3://drives/2026/{MCAP}')
     file = f'GET /drives/2026/{MCAP}/{MCAP}.mcap'
     before = store.requests.count(file)
     with Recording(location.path) as recording:
@@ -107,7 +107,7 @@ def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:
 
 def test_a_large_recording_is_not_copied(store: Store) -> None:
     """What has more bytes than a copy may have is refused, before a byte is copied."""
-    (location,) = locations.find([f's3://drives/2026/{BAG}'])
+    (location,) = locations.find(f's3://drives/2026/{BAG}')
     before = store.requests.count('GET /drives/2026')
     refused = pytest.raises(RecordingError, match=f'of at most 1000 bytes.*, got {location.size}')
     with refused, locations.staged(location, most=1000):
@@ -124,7 +124,7 @@ def test_a_change_is_noticed(
     local = tmp_path / 'one.mcap'
     local.write_bytes(data)
     monkeypatch.setattr(remote_path, 'BLOCK', 2**15)
-    found = locations.find([address, str(local)])
+    found = [*locations.find(str(local)), *locations.find(address)]
     for location in found:
         location.check_unchanged()
     with Recording(found[1].path) as reading:
@@ -152,5 +152,5 @@ def test_a_change_is_noticed(
 def test_what_is_not_there(address: str, sentence: str) -> None:
     """No bucket, no recording and no such store are refused in one sentence each."""
     with pytest.raises(RecordingError, match=sentence) as caught:
-        locations.find([address])
+        locations.find(address)
     assert '\n' not in str(caught.value)
