@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -84,6 +85,9 @@ class CloudFile(Protocol):
     gaps : whether points left out of a copy become missing returns, to keep the grid; columns
         cannot be added then
     whole : why points cannot be left out of a copy; empty if they can
+    crs : the name of the coordinate system; empty where the file names none
+    metres : metres per unit of the columns with coordinates that are not in metres
+    about : properties of the format, by name, such as its version
 
     """
 
@@ -92,24 +96,14 @@ class CloudFile(Protocol):
     classes: bool = False
     gaps: bool = False
     whole: str = ''
-
-    @property
-    def crs(self) -> str:
-        """The name of the coordinate system; empty where the file names none."""
-        return ''
-
-    @property
-    def metres(self) -> Mapping[str, float]:
-        """Metres per unit of the columns with coordinates that are not in metres."""
-        return {}
-
-    @property
-    def about(self) -> Mapping[str, str]:
-        """Properties of the format, by name, such as its version."""
-        return {}
+    crs: str = ''
+    metres: Mapping[str, float] = MappingProxyType({})
+    about: Mapping[str, str] = MappingProxyType({})
+    _count: int
 
     def __len__(self) -> int:
-        """Count the points."""
+        """Count the points, missing returns among them."""
+        return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk: for each name an array (n,), in the order of the names.

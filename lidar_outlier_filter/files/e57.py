@@ -59,16 +59,13 @@ class E57File(CloudFile):
         self.path = path
         with _opened(path) as data:
             self._scans = [_scan(path, data[i], i) for i in range(len(data))]
+        self._count = sum(scan.count for scan in self._scans)
         self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys('xyz', _FLOAT)
         for field, name in _NAMES.items():
             if self._scans and all(field in scan.fields for scan in self._scans):
                 kinds = (scan.fields[field] for scan in self._scans)
                 self.columns[name] = reduce(np.promote_types, kinds)
         self.columns[_SCAN] = np.dtype(np.int32)
-
-    def __len__(self) -> int:
-        """Count the points of all scans, missing returns among them."""
-        return sum(scan.count for scan in self._scans)
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; x, y and z of a missing return are NaN."""

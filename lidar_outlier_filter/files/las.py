@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -85,7 +86,7 @@ class LasFile(CloudFile):
         else:
             check_las_points(path, self._count)
         self._wkt = bool(header.global_encoding.wkt)
-        self._about = {'LAS': f'{header.version}', 'point format': f'{header.point_format.id}'}
+        self.about = {'LAS': f'{header.version}', 'point format': f'{header.point_format.id}'}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),
             # Fields of a few bits have no dtype.
@@ -102,24 +103,15 @@ class LasFile(CloudFile):
         known = [*self._records, *self._evlrs]
         return {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER}
 
-    @property
+    @cached_property
     def crs(self) -> str:
         """The name of the coordinate system; empty where the file names none."""
         return crs_name(self._system, self.path)
 
-    @property
+    @cached_property
     def metres(self) -> Mapping[str, float]:
         """Metres per unit of x, y and z, where that is not 1."""
         return metres_per_unit(self._system, self.path, wkt=self._wkt)
-
-    @property
-    def about(self) -> Mapping[str, str]:
-        """The versions of LAS and of its points."""
-        return self._about
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""

@@ -55,10 +55,6 @@ class ParquetFile(CloudFile):
             or pa.types.is_timestamp(field.type)
         }
 
-    def __len__(self) -> int:
-        """Count the points."""
-        return int(self._count)
-
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; null is missing."""
         with self.path.open('rb') as stream, parquet.ParquetFile(stream) as file:

@@ -31,12 +31,7 @@ class RowFile(CloudFile):
     """A file with a header of lines, and one block of rows."""
 
     _header: Sequence[bytes]
-    _count: int
     _rows: 'BinaryRows | TextRows'
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""

@@ -58,10 +58,6 @@ class SqliteFile(CloudFile):
             if value is None or _number(value) is not None
         }
 
-    def __len__(self) -> int:
-        """Count the rows."""
-        return self._count
-
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
         requested = ', '.join(_quoted(name) for name in names)

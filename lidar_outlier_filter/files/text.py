@@ -183,6 +183,7 @@ class PtxFile(CloudFile):
                 stream.seek(begin)
                 width = self._add_scan(stream)
                 widths.add(width)
+        self._count = sum(scan.count for scan in self._scans)
         self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys(
             _NAMES[: min(widths, default=0)], FLOAT
         )
@@ -237,10 +238,6 @@ class PtxFile(CloudFile):
             must_be = f'of {width} finite numbers'
             raise CloudError(f'a line of the pose of {what} of {self.path}', must_be, got)
         return numbers
-
-    def __len__(self) -> int:
-        """Count the lines of all grids, missing returns among them."""
-        return sum(scan.count for scan in self._scans)
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; x, y and z of a missing return are NaN."""
