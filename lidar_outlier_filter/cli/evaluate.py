@@ -84,7 +84,7 @@ def read_recording(
 ) -> Judged:
     """Read verdicts and truth of a recording; by default its labels are causes."""
     from lidar_outlier_filter.recordings.bags import Recording
-    from lidar_outlier_filter.recordings.split_clouds import filtered_topic, split_clouds
+    from lidar_outlier_filter.recordings.recorded_clouds import filtered_topic, split_clouds
 
     with Recording(path) as source:
         topic = filtered_topic(source, topic)

@@ -22,8 +22,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.channels import known_types
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, TopicReport
-from lidar_outlier_filter.recordings.message_times import MessageTimes
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, MessageTimes, TopicReport
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 SAMPLE_S = 3.0  # seconds of bag time that the filter judges

@@ -22,7 +22,7 @@ from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.recordings.message_times import MessageTimes
+from lidar_outlier_filter.recordings.cloud_topic import MessageTimes
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud, RecordedClouds
 
 # Columns that a page shows of a point and saves, and their names in clouds, in small letters.

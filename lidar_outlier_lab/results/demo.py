@@ -23,8 +23,8 @@ from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.recorded_clouds import filtered_topic, split_clouds
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.recordings.split_clouds import filtered_topic, split_clouds
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.page import page
 from lidar_outlier_filter.report.sources import RecordedSource

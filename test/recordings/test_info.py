@@ -17,8 +17,8 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.judged_file import describe_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.cloud_topic import MessageTimes
 from lidar_outlier_filter.recordings.info import describe_recording, scan_geometry
-from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.replay import replay
 
 Capture = pytest.CaptureFixture[str]
