@@ -110,16 +110,12 @@ def workshop(folder: RecordingPath) -> Iterator[Path]:
             yield Path(stack.enter_context(temporary))
             return
         with writable(folder):
-            built = _hidden_in(folder, stack)
+            built: Path | None = None
+            while built is None:  # again if another run that ends removes the folder above it
+                (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+                with suppress(FileNotFoundError):
+                    built = stack.enter_context(hidden_folder(folder / HIDDEN / 'task'))
         yield built
-
-
-def _hidden_in(folder: Path, stack: ExitStack) -> Path:
-    """Make a hidden folder, again if another run that ends removes the one above it."""
-    while True:
-        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):
-            return stack.enter_context(hidden_folder(folder / HIDDEN / 'task'))
 
 
 def check_reached(folder: RecordingPath) -> None:

@@ -81,31 +81,27 @@ def attempt_on_worker(task: Task, job: Job, goal: ArchiveRecord) -> Result:
 class Progress:
     """How much of a run is done; threads may report to it."""
 
-    def __init__(self, tasks: Iterable[Task]) -> None:
+    def __init__(self, tasks: Sequence[Task]) -> None:
         """Take the tasks of a run."""
-        sizes = [task.location.size for task in tasks]
-        self._running: dict[Task, float] = {}  # shares that are done
-        self._bytes_finished, self._bytes_total = 0, sum(sizes)
-        self._number, self._total = 0, len(sizes)
-        self._last = ''
+        self._shares: dict[Task, float] = {}  # that are done
+        self._bytes, self._total = sum(task.location.size for task in tasks), len(tasks)
+        self._finished, self._last = 0, ''
 
-    def report(self, task: Task, share: float) -> None:
-        """Note which share of a task is done."""
-        self._running[task] = share
+    def report(self, task: Task, share: float = 1.0) -> None:
+        """Note which share of a task is done; without one, it is finished."""
+        self._shares[task] = share
         self._last = task.source
 
     def finish(self, task: Task) -> None:
         """Note that a task is finished."""
-        self._running.pop(task, None)
-        self._bytes_finished += task.location.size
-        self._number += 1
-        self._last = task.source
+        self.report(task)
+        self._finished += 1
 
     def state(self) -> tuple[int, int, str]:
         """Return how many bytes of the inputs are done, and all; and a text with counts."""
-        running = self._running.copy().items()
-        done = self._bytes_finished + sum(share * task.location.size for task, share in running)
-        return round(done), self._bytes_total, f'{self._number} of {self._total}, {self._last}'
+        shares = self._shares.copy().items()
+        done = sum(share * task.location.size for task, share in shares)
+        return round(done), self._bytes, f'{self._finished} of {self._total}, {self._last}'
 
 
 def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, ArchiveRecord]]:

@@ -154,7 +154,12 @@ def _client(
         except (OSError, TimeoutError, CancelledError) as err:
             raise workers.gone() from err
 
-    with _silent(), client:
+    with ExitStack() as stack:
+        # A lost connection is reported by :class:`SchedulerError`.
+        for handler in logging.getLogger('distributed').handlers:
+            stack.callback(handler.setLevel, handler.level)
+            handler.setLevel(logging.CRITICAL + 1)
+        stack.enter_context(client)
         executor = client.get_executor(retries=RETRIES, pure=False)
         workers = Workers(executor, count, client, client.scheduler.address, keep)
         try:
@@ -162,16 +167,6 @@ def _client(
         finally:
             if client.status == 'running':
                 executor.shutdown(wait=False)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep Dask from logging lost connections, which :class:`SchedulerError` reports."""
-    with ExitStack() as stack:
-        for handler in logging.getLogger('distributed').handlers:
-            stack.callback(handler.setLevel, handler.level)
-            handler.setLevel(logging.CRITICAL + 1)
-        yield
 
 
 def _require() -> None:

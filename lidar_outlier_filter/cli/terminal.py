@@ -174,28 +174,22 @@ def saying_how_far(how_far: Callable[[], str]) -> Iterator[None]:
         raise
 
 
-def progress_lines(text: str) -> Advance:
-    """Write a line to stderr at most once in ``LINE_PERIOD``."""
-    due = monotonic() + LINE_PERIOD
-
-    def advance(done: int, total: int, what: str = '') -> None:
-        nonlocal due
-        if monotonic() >= due:
-            due = monotonic() + LINE_PERIOD
-            say(f'{text}: {what}, {100 * done / max(total, 1):.0f} %')
-
-    return advance
-
-
 @contextmanager
 def progress_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
     """Show a bar on stderr if that is a terminal; else lines, where they are asked for."""
     from rich.console import Console
     from rich.progress import Progress
 
-    console = Console(stderr=True)
+    console, due = Console(stderr=True), monotonic() + LINE_PERIOD
     if not console.is_terminal:
-        yield progress_lines(text) if lines else lambda _done, _total, _text='': None
+
+        def line(done: int, total: int, what: str = '') -> None:
+            nonlocal due
+            if lines and monotonic() >= due:
+                due = monotonic() + LINE_PERIOD
+                say(f'{text}: {what}, {100 * done / max(total, 1):.0f} %')
+
+        yield line
         return
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(text, total=None)

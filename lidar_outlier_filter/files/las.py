@@ -154,11 +154,16 @@ class LasFile(CloudFile):
             if evlrs:
                 writer.write_evlrs(VLRList(evlrs))
             writer.close()
-            self._restore(stream, writer.header, change)
-            self._restore_heads(stream, writer.header, (records, evlrs))
+            self._restore(stream, writer.header, change, (records, evlrs))
 
-    def _restore(self, stream: BinaryIO, header: Any, change: Change) -> None:
-        """Put back the bytes of the header that laspy rewrote."""
+    def _restore(
+        self,
+        stream: BinaryIO,
+        header: Any,
+        change: Change,
+        records: Sequence[Sequence[LasRecord]],
+    ) -> None:
+        """Put back the bytes that laspy rewrote: of the header, and the heads of the records."""
         with self.path.open('rb') as source:
             before = source.read(MAX_HEADER_BYTES)
         parts = {_IDENTITY.start: before[_IDENTITY]}
@@ -171,11 +176,6 @@ class LasFile(CloudFile):
         for offset, data in parts.items():
             stream.seek(offset)
             stream.write(data)
-
-    def _restore_heads(
-        self, stream: BinaryIO, header: Any, records: Sequence[Sequence[LasRecord]]
-    ) -> None:
-        """Put back the heads of the records before and behind the points."""
         begin = LAS_HEADERS_SIZE[str(header.version)] + len(header.extra_header_bytes)
         for offset, some in zip((begin, header.start_of_first_evlr), records, strict=True):
             for record in some:

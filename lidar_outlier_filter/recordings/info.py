@@ -107,7 +107,6 @@ class RecordingInfo:
     start: int
     duration: float
     messages: int
-    sample: float
     topics: dict[Topic, MessageTimes]
     clouds: dict[Topic, CloudInfo]
     unread: int = 0
@@ -133,7 +132,6 @@ def describe_recording(
             source.start,
             source.duration / SECOND,
             source.message_count,
-            min(sample, source.duration / SECOND),
             {topic: MessageTimes() for topic in source.topics},
             {topic: CloudInfo() for topic in source.topics if topic.msgtype == CLOUD},
         )
