@@ -74,15 +74,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
         '  lidar-outlier-filter clean street.laz --output cleaned.laz',
     )
     parser.add_argument('--version', action='version', version=__version__)
-    commands = parser.add_subparsers(
+    commands = parser.add_subparsers(  # type: ignore[call-overload]
         dest='command',
         metavar='COMMAND',
         required=True,
-        parser_class=partial(argparse.ArgumentParser, formatter_class=CommandHelp),  # type: ignore[arg-type]
+        parser_class=partial(argparse.ArgumentParser, formatter_class=CommandHelp),
     )
     words = sys.argv[1:] if arguments is None else arguments
     for add in commands_for(words):
-        add(commands)  # type: ignore[arg-type]
+        add(commands)
     if COMPLETING in os.environ:
         _complete(parser)
     options = parser.parse_args(words)

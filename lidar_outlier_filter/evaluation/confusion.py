@@ -13,7 +13,7 @@ half in the area under the ROC curve, as in scikit-learn.
 """
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -96,13 +96,6 @@ class Confusion:
     missed: int
     lost: int
     kept: int
-
-    def __add__(self, other: object) -> 'Confusion':
-        """Count both together."""
-        if not isinstance(other, Confusion):
-            return NotImplemented
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return Confusion(*(mine + its for mine, its in pairs))
 
     @property
     def outliers(self) -> int:

@@ -3,7 +3,7 @@
 """Labels of files, columns and clouds, and which of them mean outliers."""
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise, zip_longest
@@ -208,7 +208,10 @@ def _read_label(path: Path) -> NDArray[Any]:
     return np.frombuffer(data, '<u4') & MAX_CODE
 
 
-_PLAIN = {'.label': _read_label, '.npy': partial(np.load, allow_pickle=False)}
+_PLAIN: dict[str, Callable[[Path], NDArray[Any]]] = {
+    '.label': _read_label,
+    '.npy': partial(np.load, allow_pickle=False),
+}
 
 
 def words(name: str) -> str:

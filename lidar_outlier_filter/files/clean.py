@@ -22,7 +22,7 @@ from numpy.typing import DTypeLike, NDArray
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.annotations import Allocate, Progress
 from lidar_outlier_filter.core.detectors import registry
-from lidar_outlier_filter.core.engine.slow import SaySlow
+from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
 from lidar_outlier_filter.disk.new_files import new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
@@ -115,7 +115,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
     *,
     outliers: Path | None = None,
     progress: Progress = lambda _done, _total, _what: None,
-    slow: SaySlow | None = None,
+    slow: Callable[[SlowDetector], object] | None = None,
     inspect: Callable[[JudgedFile], object] = bool,
     make: MakeFiles = new_files,
 ) -> CleanReport:

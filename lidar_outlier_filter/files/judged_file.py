@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progre
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import along_lines
-from lidar_outlier_filter.core.engine.slow import SaySlow
+from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
@@ -118,7 +118,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     parameters: FilterParameters,
     allocate: Allocate = np.empty,
     progress: Progress = lambda _done, _total, _what: None,
-    slow: SaySlow | None = None,
+    slow: Callable[[SlowDetector], object] | None = None,
 ) -> JudgedFile:
     """Read the points of a file, and judge them.
 

@@ -104,12 +104,12 @@ class LasFile(CloudFile):
         return {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER}
 
     @cached_property
-    def crs(self) -> str:
+    def crs(self) -> str:  # type: ignore[override]  # it may refuse to say it
         """The name of the coordinate system; empty where the file names none."""
         return crs_name(self._system, self.path)
 
     @cached_property
-    def metres(self) -> Mapping[str, float]:
+    def metres(self) -> Mapping[str, float]:  # type: ignore[override]  # it may refuse to say it
         """Metres per unit of x, y and z, where that is not 1."""
         return metres_per_unit(self._system, self.path, wkt=self._wkt)
 
