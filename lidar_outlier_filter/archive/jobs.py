@@ -104,7 +104,7 @@ class Job(ABC):
 
     parameters: Mapping[str, object]
     options: Mapping[str, Any]
-    inspect: Callable[[JudgedFile], object] = bool
+    inspect: Callable[[JudgedFile], object] | None = None
 
     @property
     def dry(self) -> bool:
@@ -190,7 +190,7 @@ class CleanJob(Job):
         self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
     ) -> Result:
         """Clean a file."""
-        path, found = Path(str(task.location.path)), list[object]()
+        path, inspect, found = Path(str(task.location.path)), self.inspect, list[object]()
 
         @contextmanager
         def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
@@ -208,11 +208,11 @@ class CleanJob(Job):
             outliers=outliers[0] if outliers else None,
             progress=progress,
             slow=lambda detector: inform(f'{path}: {detector}'),
-            inspect=lambda judged: found.append(self.inspect(judged)),
+            inspect=inspect and (lambda judged: found.append(inspect(judged))),
             make=hidden,
         )
         counted = replace(record, state=DONE, topics={THE_FILE: _count_file(report)})
-        return Result(counted, asdict(report), report, found[0])
+        return Result(counted, asdict(report), report, next(iter(found), None))
 
 
 def _count_file(report: CleanReport) -> dict[str, Any]:

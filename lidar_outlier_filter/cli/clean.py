@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.report.worst import Worst
 
-    Inspect = Callable[[JudgedFile], Worst | None]
+    Inspect = Callable[[JudgedFile], Worst]
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # suffixes of the stem of an output
 
@@ -56,8 +56,8 @@ def run_clean(options: argparse.Namespace) -> int:
     if is_single:
         _check(options, 1, is_archive=False)
     picture = options.picture if options.picture is None or can_draw() else None
-    wanted = bool(options.dry_run or options.picture)
-    inspect = partial(_find_worst, picture=picture, wanted=wanted)
+    is_wanted = options.dry_run or options.picture
+    inspect = partial(_find_worst, picture=picture) if is_wanted else None
     clean = _clean_one if is_single else _clean_many
     status = clean(options, parameters, folder, inspect)
     if picture is not None and picture.is_file():
@@ -69,7 +69,7 @@ def _clean_many(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    inspect: Inspect,
+    inspect: Inspect | None,
 ) -> int:
     """Clean several files, or all files of folders."""
     from lidar_outlier_filter.archive.jobs import CleanJob
@@ -103,7 +103,7 @@ def _clean_one(
     options: argparse.Namespace,
     parameters: dict[str, object],
     folder: Path | None,
-    inspect: Inspect,
+    inspect: Inspect | None,
 ) -> int:
     """Clean a single file with a progress bar; an error ends the command."""
     path, worst = options.files[0].absolute(), list[Any]()
@@ -112,26 +112,25 @@ def _clean_one(
     def interrupted() -> str:
         return f'nothing is written to {output}; the same command starts over'
 
-    start = perf_counter()
+    how, start = _clean_options(options), perf_counter()
     with saying_how_far(interrupted), stoppable_bar(path.name) as progress:
+        progress(0, 1, 'reading')
         report = clean_file(
             path,
             output,
             FilterParameters().changed(parameters),
-            _clean_options(options),
+            how,
             outliers=options.outliers or next(iter(outliers), None),
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
-            inspect=lambda judged: worst.append(inspect(judged)),
+            inspect=inspect and (lambda judged: worst.append(inspect(judged))),
         )
-    tables.show_file(path, report, worst[0], perf_counter() - start)
+    tables.show_file(path, report, next(iter(worst), None), perf_counter() - start)
     return INCOMPLETE if report.is_untested else DONE
 
 
-def _find_worst(judged: JudgedFile, picture: Path | None, *, wanted: bool) -> Worst | None:
+def _find_worst(judged: JudgedFile, picture: Path | None) -> Worst:
     """Find the worst tiles of a file, and draw them, before its outputs are written."""
-    if not wanted:
-        return None
     from lidar_outlier_filter.report.worst import find
 
     found = find(judged)
@@ -212,11 +211,10 @@ def _outputs(
     path: Path, options: argparse.Namespace, folder: Path | None, source: str
 ) -> list[Path]:
     """Return the paths of a file's outputs, in ``folder`` or else beside the file."""
-    name = path.stem + CLEANED + copy_suffix(path)
-    if folder is not None:
-        output = folder / Path(source).with_name(name)
-    else:
-        output = options.output or path.with_name(name)
+    output: Path | None = options.output
+    if folder is not None or output is None:
+        name = path.stem + CLEANED + copy_suffix(path)
+        output = (path if folder is None else folder / source).with_name(name)
     if options.rejected != SEPARATE or options.outliers is not None:
         return [output]
     stem = output.stem.removesuffix(CLEANED)

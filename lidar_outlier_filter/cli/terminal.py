@@ -272,10 +272,10 @@ def read_parameters(
     files: Iterable[Path], settings: Iterable[str], chain: str | None = None
 ) -> dict[str, object]:
     """Take parameters from files, in their order, single ones from NAME=VALUE, then a chain."""
-    from lidar_outlier_filter.parameters.yaml_files import read_yaml
-
     values: dict[str, object] = {}
     for file in files:
+        from lidar_outlier_filter.parameters.yaml_files import read_yaml
+
         values.update(read_yaml(file))
     for setting in settings:
         name, text = split_setting('--set', setting, 'NAME=VALUE')

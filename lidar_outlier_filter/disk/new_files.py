@@ -75,7 +75,7 @@ def _lock_in(folder: Path) -> IO[bytes]:
     """Take the lock in a new folder; raise BlockingIOError where another run holds it."""
     lock = (folder / LOCK).open('wb')
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _take(lock)
     except BlockingIOError:
         lock.close()
         raise
@@ -84,13 +84,17 @@ def _lock_in(folder: Path) -> IO[bytes]:
     return lock
 
 
+def _take(lock: IO[bytes]) -> None:
+    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def _remove_if_left(folder: Path) -> None:
     """Remove a folder that no run holds."""
     if folder.name.endswith(_GONE):
         shutil.rmtree(folder, ignore_errors=True)
         return
     with suppress(OSError), (folder / LOCK).open('ab') as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _take(lock)
         _remove(folder)
 
 

@@ -43,10 +43,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
-_LIBRARIES = {
-    **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
-    'python-neo-lzf': 'lzf',
-}
+_LIBRARIES = ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow', 'python-neo-lzf')
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
     outliers: Path | None = None,
     progress: Progress = lambda _done, _total, _what: None,
     slow: Callable[[SlowDetector], object] | None = None,
-    inspect: Callable[[JudgedFile], object] = bool,
+    inspect: Callable[[JudgedFile], object] | None = None,
     make: MakeFiles = new_files,
 ) -> CleanReport:
     """Judge the points of a file, and write a copy that marks or leaves out rejected points.
@@ -155,7 +152,8 @@ def clean_file(  # noqa: PLR0913  many callbacks
     with _enough_memory(file), make(outputs) as built:
         allocate = _allocator(built[0] if built else output, options.tile)
         judged = judge_file(file, options, parameters, allocate, progress, slow)
-        inspect(judged)
+        if inspect is not None:
+            inspect(judged)
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
             for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
@@ -286,7 +284,7 @@ def _report(
 
 def _versions() -> dict[str, str]:
     """List the versions of this package and of the libraries in use."""
-    names = [name for name, module in _LIBRARIES.items() if module in sys.modules]
+    names = [name for name in _LIBRARIES if name.removeprefix('python-neo-') in sys.modules]
     return {
         'lidar_outlier_filter': __version__,
         'python': platform.python_version(),

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import along_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
-from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.points import Points
@@ -137,9 +137,13 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         progress(0, 0, 'judging')
         classes = loaded.more.get(points.CLASSIFICATION) if file.classes else None
         codes = None if classes is None else cloud_file.filled(classes).astype(np.uint8)
-        loaded, ignored = _without(loaded, codes, options.ignore)
-        loaded = points.recovered(file, loaded, parameters)
-        cloud = loaded.points
+        ignored = 0
+        if codes is not None and options.ignore:
+            loaded, ignored = _without(loaded, codes, options.ignore)
+        cloud = with_rings(loaded.points, parameters)
+        if cloud.ring is not None:
+            loaded = points.recovered(file, loaded, cloud)
+            cloud = loaded.points
         tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
         judge = partial(judge_whole, parameters=parameters, slow=slow, tile=tile, allocate=allocate)
         everything = _judge_strips(loaded, judge, progress) if options.strips else judge(cloud)
@@ -214,10 +218,8 @@ def _load(
     return coordinates, metres, loaded
 
 
-def _without(loaded: Loaded, codes: Bytes | None, ignore: Sequence[int]) -> tuple[Loaded, int]:
+def _without(loaded: Loaded, codes: Bytes, ignore: Sequence[int]) -> tuple[Loaded, int]:
     """Hide points of some classes from detectors and from the mask; count them."""
-    if codes is None or not ignore:
-        return loaded, 0
     cloud, hidden = loaded.points, np.isin(codes, ignore)
     present = cloud.valid if cloud.masked is None else cloud.valid | cloud.masked
     masked = None if cloud.masked is None else cloud.masked & ~hidden
@@ -332,7 +334,8 @@ def _method(file: CloudFile) -> tuple[int, str]:
     except CloudError:  # reported by `clean`
         return 0, ''
     if loaded.lack:
-        loaded = points.recovered(file, loaded, parameters)
+        rings = with_rings(loaded.points, parameters)
+        loaded = points.recovered(file, loaded, rings)
     seen = DetectorInput(loaded.points.take(loaded.points.valid), parameters, whole=True)
     known = (explanations()[name] for name in parameters.chain if name in explanations())
     return loaded.rings, '; '.join(one.name_method(seen, parameters) for one in known)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
 from lidar_outlier_filter.core.engine.chain import uses_lines
-from lidar_outlier_filter.core.engine.whole_cloud import check_chain, with_rings
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import (
     INTENSITY_NAMES,
@@ -131,6 +131,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))
     sizes = file.metres if metres is None else metres
     xyz, columns = _read(file, coordinates, others, sizes, allocate, progress)
+    kept = {name: columns[name] for name in more}
     zeros = np.zeros(len(file), np.int64)
     points = Points(xyz, zeros, zeros, returns(xyz))
     for name in ring:
@@ -143,7 +144,7 @@ def load(  # noqa: PLR0913  which columns, and where to
         found = _with_lines(file, points, columns, parameters, size)
     if found.lack:
         check_chain(parameters.chain, str(file.path), found.lack)
-    return replace(found, more={name: columns[name] for name in more})
+    return replace(found, more=kept)
 
 
 def _read(  # noqa: PLR0913  which columns, and where to
@@ -176,9 +177,8 @@ def _read(  # noqa: PLR0913  which columns, and where to
     return xyz, columns
 
 
-def recovered(file: CloudFile, loaded: Loaded, parameters: FilterParameters) -> Loaded:
-    """Recover the rings of a file without scan lines, and read its intensities if it has rings."""
-    found = with_rings(loaded.points, parameters)
+def recovered(file: CloudFile, loaded: Loaded, found: Points) -> Loaded:
+    """Take the rings that were found in a file without scan lines; read its intensities then."""
     if found.ring is None:
         return loaded
     name = _named(file, 'auto', 'the intensity', INTENSITIES)

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.annotations import Bytes, Ints
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.labels import LABEL, CloudLabels, read_codes_of
 from lidar_outlier_filter.files import points as columns
@@ -209,7 +209,7 @@ class FileSource:
         names, saved = columns.choose_coordinates(file, ()), saved_columns(file.columns)
         loaded = columns.load(file, names, parameters, timed=True, more=[*saved.values()])
         self._saved = {name: filled(loaded.more[one]) for name, one in saved.items()}
-        loaded = columns.recovered(file, loaded, parameters)
+        loaded = columns.recovered(file, loaded, with_rings(loaded.points, parameters))
         self.parameters, self._loaded = parameters, loaded.points
         labels, column = truth
         has_labels = LABEL in file.columns or (

@@ -21,7 +21,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
@@ -274,7 +274,7 @@ def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
     path, output = folder / 'plane.laz', folder / 'out.laz'
     parameters = FilterParameters().changed({'chain': ('sor',)})
     sentence = f'the output must be a new file, got {output}, which exists'
-    with pytest.raises(CloudError, match=sentence):
+    with pytest.raises(FilterError, match=sentence):
         clean_file(
             path,
             output,
