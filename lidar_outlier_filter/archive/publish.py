@@ -53,10 +53,8 @@ class FoundOutputs:
 
     def done(self, goal: ArchiveRecord, task: Task) -> ArchiveRecord | None:
         """Return the record of complete outputs of the same input, parameters and code."""
-        record = self.noted
-        if record is None or not _is_alike(record, goal):
-            return None
-        if record.outputs.keys() != self.files.keys():
+        record, names = self.noted, self.files.keys()
+        if record is None or not _is_alike(record, goal) or record.outputs.keys() != names:
             return None
         is_same = record.source_state == goal.source_state  # or else its content decides
         return record if is_same or record.source_hash == content_hash(task.location) else None

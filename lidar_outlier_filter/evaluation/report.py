@@ -221,9 +221,8 @@ def _shares(title: str, shares: Mapping[str, Share]) -> Table:
         title, 'points', 'identified', 'share', f'{100 * CONFIDENCE:g} % interval'
     )
     for name, share in shares.items():
-        interval = limits(share.interval)
         counts = (f'{share.total:,}', f'{share.part:,}')
-        content.add_row(name, *counts, percent(share.ratio), interval)
+        content.add_row(name, *counts, percent(share.ratio), limits(share.interval))
     return content
 
 
