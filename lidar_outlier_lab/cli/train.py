@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
-SURVEY_OUTPUT = Path('survey_model.json')
+SURVEY_OUTPUT, FREE_OUTPUT = Path('survey_model.json'), Path('free_model.json')
 
 
 def add_train(commands: Commands) -> None:
@@ -46,7 +46,8 @@ def add_train(commands: Commands) -> None:
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '
         'trees for profile scanners, on simulated streets alone. With --survey, train those for '
-        'clouds without scan lines. It takes about a quarter of an hour of processor time; with '
+        'clouds without scan lines; with --free, without the second law of weather, those for '
+        'scanners without rings. It takes about a quarter of an hour of processor time; with '
         '--profile or --survey a few minutes. Needs the extra "lab".',
         epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
         '  lidar-outlier-filter train --survey --output trees.json',
@@ -58,6 +59,11 @@ def add_train(commands: Commands) -> None:
         '--survey',
         action='store_true',
         help='for clouds without scan lines, on simulated surveys alone',
+    )
+    parser.add_argument(
+        '--free',
+        action='store_true',
+        help='for scanners without rings: without the second law of weather',
     )
     parser.add_argument(
         '--data',
@@ -79,7 +85,7 @@ def add_train(commands: Commands) -> None:
         type=Path,
         metavar='FILE',
         help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile, {SURVEY_OUTPUT} with '
-        '--survey',
+        '--survey, {FREE_OUTPUT} with --free',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'
@@ -91,10 +97,10 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import check_new, new_output
 
     import_module('sklearn')  # before the work
-    if options.profile and options.survey:
-        raise FilterError('--profile', 'without --survey', 'both')
+    if options.profile + options.survey + options.free > 1:
+        raise FilterError('--profile, --survey and --free', 'one of them', 'more')
     train = _train_scenes if options.profile or options.survey else _train_spinning
-    usual = SURVEY_OUTPUT if options.survey else OUTPUT
+    usual = SURVEY_OUTPUT if options.survey else FREE_OUTPUT if options.free else OUTPUT
     output = options.output or (PROFILE_OUTPUT if options.profile else usual)
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
@@ -114,8 +120,8 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress)
-    about = _about([name for name, _ in recordings], [*scanners])
+    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress, law=not options.free)
+    about = _about([name for name, _ in recordings], [*scanners], law=not options.free)
     recipe = Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
     return result.text, result.threshold, _tables(result.held_out)
@@ -213,16 +219,10 @@ def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
     return {} if folder is None else known_scanners(folder / 'ring_tables')
 
 
-def _about(sensors: list[str], scanners: list[str]) -> dict[str, Any]:
+def _about(sensors: list[str], scanners: list[str], *, law: bool) -> dict[str, Any]:
     from lidar_outlier_filter import __version__
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
-    from lidar_outlier_lab.training.scenes import (
-        OF_EACH,
-        STREET_SEED_HELD_OUT,
-        STREET_SEEDS,
-        STREETS,
-        TABLE_SEEDS,
-    )
+    from lidar_outlier_lab.training import scenes
 
     return {
         'about': 'Two ensembles of trees for spinning sensors, by lidar-outlier-filter train',
@@ -230,12 +230,13 @@ def _about(sensors: list[str], scanners: list[str]) -> dict[str, Any]:
         'trained_on': {
             'recordings': sensors,
             'weather': list(WEATHERS),
-            'sweeps_of_each': OF_EACH,
+            'sweeps_of_each': scenes.OF_EACH,
+            **({'law': scenes.TRAINED_LAW, 'sweeps_of_law': scenes.OF_LAW} if law else {}),
             'simulated': scanners,
-            'simulated_seeds': list(TABLE_SEEDS),
-            'streets': list(STREETS),
-            'street_seeds': list(STREET_SEEDS),
-            'street_seed_held_out': STREET_SEED_HELD_OUT,
+            'simulated_seeds': list(scenes.TABLE_SEEDS),
+            'streets': list(scenes.STREETS),
+            'street_seeds': list(scenes.STREET_SEEDS),
+            'street_seed_held_out': scenes.STREET_SEED_HELD_OUT,
         },
     }
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the trees are trained on: real recordings in all weathers, and simulated streets."""
 
+import itertools
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -45,12 +46,17 @@ STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MAX_CLEAN_SWEEPS = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
 RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
-# Laws of weather that trees are judged by, and never trained on
+# Other laws of weather: trees are judged by all of them, and trained on `waveforms` alone
 LAWS = {
     'chances': chances.make_both,
     'waveforms': waveforms.make_both,
     'scatterers': scatterers.make_both,
 }
+TRAINED_LAW = 'waveforms'
+OF_LAW = 2  # sweeps with each of its weathers
+MAX_DRAWS = 6  # of a weather, until it is as dense as weather is
+MIN_OUTLIERS = 200
+MAX_SHARE = {'snow': 0.2, 'rain': 0.08, 'fog': 0.8, 'spray': 0.3, 'dust': 0.4}  # of outliers
 # Standard deviations of the logarithm of the intensity of particles
 OF_SWEEP, OF_EACH_PARTICLE = 0.8, 0.5
 TABLE_SEEDS = (21, 22)  # of streets that sensors with published rings pass through
@@ -102,7 +108,9 @@ def has_pattern(points: Points) -> bool:
     return find_pattern(points, spins=True) is not None
 
 
-def recorded_sweeps(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
+def recorded_sweeps(
+    sensor: str, clouds: Sequence[Points], seed: int, *, law: bool = True
+) -> list[Sweep]:
     """Take clouds as they are, and put every weather into some of them.
 
     Of these, some measure the strongest return of each beam, some the last, and some two.
@@ -117,6 +125,22 @@ def recorded_sweeps(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sw
             chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
             points, outlier = put_weather(clouds[k % len(clouds)], weather, chances, returns)
             sweeps.append(Sweep(name, sensor, weather, points, outlier))
+    return sweeps + _sweeps_of_law(sensor, clouds, seed) if law and sensor not in DOMES else sweeps
+
+
+def _sweeps_of_law(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
+    """Put the weather of another law into some; what is too thin or too dense is drawn again."""
+    sweeps = []
+    for turn, (k, weather) in enumerate(itertools.product(range(OF_LAW), MAX_SHARE)):
+        kind = f'{TRAINED_LAW} {weather}'
+        name = f'{sensor} {kind} {k}'
+        cloud, returns = clouds[turn % len(clouds)], RETURNS[turn % len(RETURNS)]
+        for draw in range(MAX_DRAWS):
+            chances, law = [seed, _number(name), draw], LAWS[TRAINED_LAW]
+            points, outlier = put_weather(cloud, weather, chances, returns, make=law)
+            if outlier.sum() >= MIN_OUTLIERS and outlier.mean() <= MAX_SHARE[weather]:
+                sweeps.append(Sweep(name, sensor, kind, points, outlier))
+                break
     return sweeps
 
 
@@ -251,6 +275,8 @@ def make_sweeps(
     scanners: Mapping[str, SpinningScanner],
     seed: int,
     progress: Progress = lambda _done, _total, _what: None,
+    *,
+    law: bool = True,
 ) -> list[Sweep]:
     """Make everything that trees are trained on and judged by.
 
@@ -260,13 +286,14 @@ def make_sweeps(
     scanners : simulated sensors with published rings, by the names of real ones
     seed : of the weather, from 0
     progress : is called before every sensor: how many of how many are done, and of what
+    law : whether there is weather of the other law, too
 
     """
     total = len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
-        sweeps += recorded_sweeps(sensor, clouds, seed)
+        sweeps += recorded_sweeps(sensor, clouds, seed, law=law)
     for number, (sensor, scanner) in enumerate(scanners.items(), len(recordings)):
         progress(number, total, f'streets for {sensor}')
         sweeps += simulated_sweeps(sensor, scanner, seed)

@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
     prepare_all,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL, Trees
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
@@ -103,7 +103,7 @@ class Street:
             pattern = find_profile_pattern(self.points.take(slice(int(low), int(high))))
             if pattern is None:
                 continue
-            prepared = prepare_all(FoundPattern(pattern, profile=True))
+            prepared = prepare_all(FoundPattern(pattern, PROFILE_MODEL))
             order = low + pattern.order[pattern.order >= 0]
             own = (t[order] >= begin) & (t[order] < begin + length)
             yield _Block(prepared, own, self.code[order])

@@ -187,6 +187,7 @@ def trees(_pages: Pages) -> Figures:
             f'| {WEATHER_NAMES.get(kind, kind)} | {held["weather"][kind]["f1"]:.2f} '
             f'| {dark["weather"][kind]["f1"]:.2f} |'
             for kind in weather
+            if ' ' not in kind  # nor of another law
         ),
         'parts': '\n'.join(f'| {name} | {_parts(one)} |' for name, one in rows),
     }

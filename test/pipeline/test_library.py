@@ -32,7 +32,7 @@ BITS = {
     'boosted_trees': 64,
 }
 # The default rejects next to nothing of a clean recording.
-STRICT, LESS_STRICT = {'boosted_trees.threshold': 0.5}, {'boosted_trees.threshold': 0.9}
+STRICT, LESS_STRICT = {'boosted_trees.threshold': 0.5}, {'boosted_trees.threshold': 0.85}
 WITHOUT_LINES = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
 COLUMNS = ('score', 'detectors', 'undecided', 'outlier')
 

@@ -105,14 +105,12 @@ def test_threshold_and_figures() -> None:
     odds = np.where(outlier, 2.0, -2.0).astype(np.float32)
     odds[:30] = 0.45  # found at low thresholds only
     dust = [judge_at_all('a', 'dust', outlier, odds), judge_at_all('a', 'dust', outlier, odds)]
-    clean = np.full(1000, -3.0, np.float32)
-    nothing = np.zeros(1000, np.bool_)
+    clean, nothing = np.full(1000, -3.0, np.float32), np.zeros(1000, np.bool_)
     assert choose_threshold([*dust, judge_at_all('a', 'clean', nothing, clean)]) == -1.0
     clean[:2] = 1.05
     one = judge_at_all('b', 'clean', nothing, clean)
     assert choose_threshold([*dust, one]) == pytest.approx(1.1)
-    clean[:] = 9.0
-    all_wrong = judge_at_all('b', 'clean', nothing, clean)
+    all_wrong = judge_at_all('b', 'clean', nothing, np.full(1000, 9.0, np.float32))
     assert choose_threshold([*dust, all_wrong]) == LIMITS[-1]
     # One sensor alone does not decide where there are others.
     fine = judge_at_all('c', 'clean', nothing, np.full(1000, -3.0, np.float32))

@@ -25,6 +25,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, 'STREETS', ())
     monkeypatch.setattr(scenes, 'OF_EACH', 1)
     monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
+    monkeypatch.setattr(scenes, 'MAX_SHARE', {'dust': scenes.MAX_SHARE['dust']})
     seed, _, *others = train.Recipe.__new__.__defaults__ or ()
     monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (seed, (3, 4), *others))
 
@@ -85,23 +86,21 @@ def test_single_sweeps(real_data: Path) -> None:
 
 
 @pytest.mark.usefixtures('few', 'few_edges')
-def test_command(recordings: Path, tmp_path: Path, capsys: Capture) -> None:
-    """Recordings given train; the file says which."""
+@pytest.mark.parametrize('free', [[], ['--free']])
+def test_command(recordings: Path, tmp_path: Path, capsys: Capture, free: list[str]) -> None:
+    """Recordings given train; the file says which. Without rings there is one law of weather."""
     onto = [str(recordings / 'bags' / name) for name in ('vlp16_mrpt_mcap', 'os0_32.bag')]
     output = tmp_path / 'mine.json'
-    assert main(['train', '--onto', *onto, '--output', str(output)]) == 0
+    assert main(['train', *free, '--onto', *onto, '--output', str(output)]) == 0
     data = json.loads(output.read_text())
     assert data['trained_on']['recordings'] == ['vlp16_mrpt_mcap', 'os0_32']
-    assert {*data['held_out']['weather']} == {'dust'}
-    said = capsys.readouterr().out
-    assert 'written to' in said
-    assert 'vlp16_mrpt_mcap' in said
+    assert {*data['held_out']['weather']} == {'dust', *([] if free else ['waveforms dust'])}
+    assert {'written', 'vlp16_mrpt_mcap'} <= {*capsys.readouterr().out.split()}
 
 
 def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
     """A file that exists, a seed below 0, and a folder without recordings are refused."""
-    there = tmp_path / 'there.json'
-    there.write_text('{}')
+    (there := tmp_path / 'there.json').write_text('{}')
     assert main(['train', '--output', str(there)]) == 1
     assert 'the output must be a new file' in capsys.readouterr().err
     new = ['train', '--output', str(tmp_path / 'new.json')]

@@ -18,6 +18,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     prepare_all,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    FREE_MODEL,
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -72,7 +73,7 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     """
     if sensor == 'free':
         pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-        return None if pattern is None else FoundPattern(pattern, profile=False)
+        return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
     # the two fits. The own frame of points that may have been moved is sought after both, as it
     # takes long.
@@ -83,11 +84,11 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     if sensor != 'profile':
         pattern = find_pattern(turned, threads, order, spins=spins)
         if pattern is not None:
-            return FoundPattern(pattern, profile=False)
+            return FoundPattern(pattern, PATTERN_MODEL)
     if sensor != 'spinning':
         pattern = find_profile_pattern(points, threads, None if recovered else order)
         if pattern is not None:
-            return FoundPattern(pattern, profile=True)
+            return FoundPattern(pattern, PROFILE_MODEL)
     if sensor == 'profile':
         return None
     pattern = None
@@ -97,7 +98,7 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     if pattern is None:
         # Rows of a range image, in whose columns azimuths are not sorted.
         pattern = find_pattern(turned, threads, order, spins=spins, in_rows=True)
-    return None if pattern is None else FoundPattern(pattern, profile=False)
+    return None if pattern is None else FoundPattern(pattern, PATTERN_MODEL)
 
 
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
@@ -162,7 +163,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
         return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
-    score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
+    score = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
     return Scores(score, reason=reason, scaled=True, method=method.value)
 
 
@@ -192,7 +193,7 @@ def contributions(
     """
     method, found = choose(seen, parameters)
     if found is not None:
-        names = NAMES[PROFILE_MODEL if found.profile else PATTERN_MODEL][1]
+        names = NAMES[found.model][1]
         return Contributions(method.value, names, _of_pattern(found, selected, seen.threads))
     if method is Method.NEIGHBOURS:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
@@ -202,7 +203,7 @@ def contributions(
 
 def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> Singles:
     """Return contributions (F, W) of selected points with a scan pattern."""
-    model = load(PROFILE_MODEL if found.profile else PATTERN_MODEL)
+    model = load(found.model)
     prepared = prepare_all(found, threads)
     first = first_pass(prepared, model.first, threads)
     cell = np.empty(len(selected), np.int64)

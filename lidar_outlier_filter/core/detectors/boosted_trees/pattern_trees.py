@@ -103,10 +103,10 @@ OWN_SCORE, OWN_WEIGHT, CLOSE, LEVEL, BEHIND, BEFORE = 0, 2, 4, 6, 8, 10
 
 
 class FoundPattern(NamedTuple):
-    """The scan pattern of some points, and whether it is that of a profile scanner."""
+    """The scan pattern of some points, and the name of the model for it."""
 
     pattern: Pattern
-    profile: bool
+    model: str
 
 
 class FirstPass(NamedTuple):
@@ -140,7 +140,7 @@ def judge(
     threshold: float,
     threads: int = 0,
     *,
-    profile: bool = False,
+    model: str = PATTERN_MODEL,
     reason: Bytes | None = None,
 ) -> Floats:
     """Score the N points of a pattern, in the order given.
@@ -150,7 +150,7 @@ def judge(
     pattern : of the points
     threshold : the user's: 1 for that of the model, more for fewer rejected
     threads : maximum number of threads; 0: all cores
-    profile : whether the pattern is that of a profile scanner
+    model : the name of the model for the pattern
     reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
 
     Returns
@@ -159,13 +159,12 @@ def judge(
         From 0; more than 1: rejected.
 
     """
-    model = load_model(PROFILE_MODEL if profile else PATTERN_MODEL)
-    prepared = prepare_all(FoundPattern(pattern, profile), threads)
-    first = first_pass(prepared, model.first, threads)
-    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
+    trees, prepared = load_model(model), prepare_all(FoundPattern(pattern, model), threads)
+    first = first_pass(prepared, trees.first, threads)
+    odds = second_pass(prepared, first, trees.again, trees.doubtful, threads)
     limit = (
-        threshold * (model.threshold - MIN_LOG_ODDS),
-        threshold * (model.threshold_bright - MIN_LOG_ODDS),
+        threshold * (trees.threshold - MIN_LOG_ODDS),
+        threshold * (trees.threshold_bright - MIN_LOG_ODDS),
     )
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
@@ -174,7 +173,7 @@ def judge(
     )
     fill_copies(pattern, score)
     if reason is not None:
-        found = strongest_of_trees(prepared, first, model, rejected, threads)
+        found = strongest_of_trees(prepared, first, trees, rejected, threads)
         spread(pattern, found, reason)
     return score
 
@@ -182,7 +181,7 @@ def judge(
 def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
     """Compute what the windows of a pattern share, and the groups of a profile scanner."""
     prepared = prepare(found.pattern, threads)
-    if not found.profile:
+    if found.model != PROFILE_MODEL:
         return prepared
     return prepared._replace(groups=find_groups(found.pattern, prepared.near, threads))
 

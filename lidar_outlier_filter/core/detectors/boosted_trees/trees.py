@@ -20,6 +20,7 @@ from lidar_outlier_filter.errors import FilterError
 
 VERSION = 1
 PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
+FREE_MODEL = 'free_model.json'  # of scanners without rings
 PROFILE_MODEL = 'profile_model.json'
 SURVEY_MODEL = 'survey_model.json'  # of the nearest neighbours
 # The features of both passes.
@@ -31,6 +32,7 @@ NAMES = {
     ),
     SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
 }
+NAMES[FREE_MODEL] = NAMES[PATTERN_MODEL]
 QUESTIONS, VALUES = 7, 8  # of a tree: a point meets three of the questions
 MIN_LOG_ODDS = -8.0  # a score of 0
 

@@ -30,6 +30,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import (
     REACHES,
     find_groups,
 )
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
@@ -306,7 +307,7 @@ def test_strays_are_rejected(lines: int, mirror: Mirror | None) -> None:
     """A few lines suffice to fit a turning or swinging mirror, and to reject stray points."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005, mirror=mirror)
     few = drive.points.line < lines
-    rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
+    rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, model=PROFILE_MODEL) > 1
     assert rejected[drive.stray[few]].mean() > 0.8
     assert rejected[~drive.stray[few]].mean() < 0.002
 
@@ -320,7 +321,7 @@ def test_two_lines_are_enough() -> None:
 def test_parameter_sensor() -> None:
     """Trees of profile scanners are used unless ``sensor`` is ``spinning``."""
     points = Drive(11, 0.1).points
-    expected = judge(profile_pattern_of(points), 2.0, profile=True).astype(np.float32)
+    expected = judge(profile_pattern_of(points), 2.0, model=PROFILE_MODEL).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
         values = {'boosted_trees.sensor': sensor, 'boosted_trees.threshold': 2.0}
         found = Chain(FilterParameters().changed(values)).judge(points)

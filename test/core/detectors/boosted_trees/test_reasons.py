@@ -65,7 +65,7 @@ def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np
     """
     pattern = find_either(points, sensor)
     assert pattern is not None
-    some, name = prepare_all(pattern), PROFILE_MODEL if pattern.profile else PATTERN_MODEL
+    some, name = prepare_all(pattern), pattern.model
     model, names = load(name), np.array(NAMES[name][1])
     first = first_pass(some, model.first)
     values = measure(some, first)

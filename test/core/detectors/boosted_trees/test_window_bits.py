@@ -22,6 +22,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     prepare_all,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PATTERN_MODEL, PROFILE_MODEL
 
 rng = np.random.default_rng(5)
 points = sweep(1, 0.3, columns=40, elevations=np.linspace(-10.0, 10.0, 6))
@@ -35,13 +36,13 @@ for line, count in ((1, 8), (3, 16), (4, 17)):
     points = points.take(~mine | (np.cumsum(mine) <= count))
 drive = Drive(3, 0.2, lines=8, shots=50).points
 for found in (
-    FoundPattern(pattern_of(points), False),
-    FoundPattern(profile_pattern_of(drive), True),
+    FoundPattern(pattern_of(points), PATTERN_MODEL),
+    FoundPattern(profile_pattern_of(drive), PROFILE_MODEL),
 ):
     prepared = prepare_all(found, 1)
     drawn = rng.normal(size=len(found.pattern.order)).astype(np.float32)
     values = measure(prepared, count_scores(found.pattern, drawn))
-    score = judge(found.pattern, 1.0, 1, profile=found.profile)
+    score = judge(found.pattern, 1.0, 1, model=found.model)
     assert values.any(axis=1).all() and (score > 1).any()
     print(values.tobytes().hex(), score.tobytes().hex())
 print(numba.config.DISABLE_JIT)
