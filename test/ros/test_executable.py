@@ -4,6 +4,8 @@
 
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -179,29 +181,24 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'sentence'),
+    ('text', 'sentence'),
     [
         (
-            'gap_factr: 2',
+            '/**: {ros__parameters: {gap_factr: 2}}',
             "outlier_filter_node: a parameter must .*'gap_factr' .*gap_factor.*",
         ),
-        (f'qos_overrides.{TOPIC}.subscription.reliability: relaible', '.*`relaible`'),
+        (
+            f'/**: {{ros__parameters: {{qos_overrides.{TOPIC}.subscription.reliability: loose}}}}',
+            '.*`loose`',
+        ),
+        ('no: parameters', 'outlier_filter_node: failed to initialize rcl: .*'),
     ],
 )
-def test_refused_parameters(tmp_path: Path, parameters: str, sentence: str) -> None:
-    """A file that makes no sense ends the start with status 1 and one sentence."""
-    text = f'/**:\n  ros__parameters:\n    {parameters}\n'
+def test_refused_parameters(tmp_path: Path, text: str, sentence: str) -> None:
+    """A file that makes no sense, to the node or to ROS, ends the start with status 1."""
     with filter_process(tmp_path, environment(), text) as node:
         assert node.wait() == 1
-    (line,) = node.output
-    assert re.fullmatch(sentence, line)
-
-
-def test_a_file_that_is_none(tmp_path: Path) -> None:
-    """What ROS itself cannot read ends with status 1, and without a trace."""
-    with filter_process(tmp_path, environment(), 'no: parameters') as node:
-        assert node.wait() == 1
-    assert node.output[-1].startswith('outlier_filter_node: failed to initialize rcl: ')
+    assert re.fullmatch(sentence, node.output[-1])
     assert 'Traceback' not in '\n'.join(node.output)
 
 
@@ -213,3 +210,41 @@ def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
     assert count <= 20 + 4 * cores()
+
+
+# What it finishes takes hours: it waits for a thread, or computes, as a kernel does.
+PROGRAM = """
+import threading
+from lidar_outlier_filter.ros.executable import on_stop
+
+stop = threading.Event()
+on_stop(stop.set)
+print('ready', flush=True)
+stop.wait()
+print('finishing', flush=True)
+{busy}
+"""
+WAITS = 'threading.Event().wait()'
+COMPUTES = 'sum(range(10**15))'  # in C: Python handles no signal before it ends
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'busy'),
+    [
+        (signal.SIGINT, signal.SIGINT, WAITS),
+        (signal.SIGTERM, signal.SIGTERM, COMPUTES),
+        (signal.SIGINT, signal.SIGTERM, COMPUTES),
+    ],
+)
+def test_the_second_ends_it_at_once(
+    first: signal.Signals, second: signal.Signals, busy: str
+) -> None:
+    """Whichever they are, and whatever runs."""
+    command = [sys.executable, '-c', PROGRAM.format(busy=busy)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'ready\n'
+        process.send_signal(first)
+        assert process.stdout.readline() == 'finishing\n'
+        process.send_signal(second)
+        assert process.wait(60) == -second

@@ -9,7 +9,6 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros.health import WARN
 
 BOTH = {
@@ -90,29 +89,6 @@ def test_each_has_a_row_of_the_table(ros: Ros) -> None:
     rows, _ = table.layout.dim
     assert (rows.label, rows.size) == ('/left/points,right', 2)
     assert len(table.data) == rows.stride == 2 * len(PLOTTED)
-
-
-@pytest.mark.parametrize(
-    ('inputs', 'sentence'),
-    [
-        ([], 'inputs must be a list of strings, got None'),
-        (['/points', 'points'], r"inputs must be different topics, got \['/points', 'points'\]"),
-        (['a b'], "a topic of inputs must be a topic name that ROS 2 allows, got 'a b'"),
-        (['', 'a'], r"inputs must be a list, without repetition, of texts, got \['', 'a'\]"),
-        (['a', 'a'], r"inputs must be a list, without repetition, of texts, got \['a', 'a'\]"),
-    ],
-)
-def test_refused(ros: Ros, inputs: list[str], sentence: str) -> None:
-    """Invalid or equal topics."""
-    text = '[' + ', '.join(f"'{name}'" for name in inputs) + ']'
-    with pytest.raises(ParameterError, match=f'^{sentence}$'):
-        ros.filter('-p', f'inputs:={text}')
-
-
-def test_odometry_is_for_one_sensor(ros: Ros) -> None:
-    """It says where the vehicle is; where on it a sensor is, is another thing for each."""
-    with pytest.raises(ParameterError, match=r"^motion.source must be 'none' or 'tf' with several"):
-        ros.filter(parameters=BOTH | {'motion.source': 'odometry'})
 
 
 def test_a_topic_given_by_the_caller_is_the_only_one(ros: Ros) -> None:

@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning while clouds flow: what is set, saved, put back, and switched off and on again."""
 
+import threading
+from concurrent.futures import Future as Promise
 from pathlib import Path
+from typing import Any
 
 import pytest
-from helpers.nodes import Ros, Sensor, flush, line, process, rejected, values, wait_for_kernels
+from helpers.nodes import Ros, Sensor, values, wait_for_kernels
+from helpers.programs import TIMEOUT
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from rclpy.task import Future
@@ -13,19 +17,10 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric, Sor
+from lidar_outlier_filter.ros import live_parameters
+from lidar_outlier_filter.ros.live_parameters import NodeAccess
 
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
-
-
-def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
-    """A block is never torn in two: the parameters in force at its end judge all of it."""
-    node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0', *SMOOTHER)
-    outputs = [output for i in range(5) for output in process(node, line(0.01 * i), i)]
-    assert [output.tag for output in outputs] == [0, 1, 2, 3]  # 4 and 5 are a block
-    assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
-    outputs += [output for i in range(5, 9) for output in process(node, line(0.01 * i), i)]
-    outputs += flush(node)
-    assert rejected(outputs) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
 
 
 def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
@@ -206,3 +201,53 @@ def test_a_file_of_somebody_else_is_kept(ros: Ros, tmp_path: Path, kind: str) ->
     assert 'the file must be new, or saved by ~/save_parameters, got' in output.message
     assert saved.read_text() == before
     assert saved.is_symlink() == (kind == 'link')
+
+
+# What a page sets, from a thread that is not the executor's
+
+NAME = 'gap_factor'
+LATE = 'the node did not reply within 0.01 s'
+
+
+def test_a_change_that_is_given_up_is_not_made(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that serves again later does not do what its page said was not done."""
+    monkeypatch.setattr(live_parameters, 'NODE_TIMEOUT', 0.01)
+    node = ros.filter()
+    before = node.get_parameter(NAME).value
+    assert NodeAccess(node).set({NAME: '7.5'}) == LATE
+    assert ros.set(sor__k=12) == ['']
+    assert node.get_parameter(NAME).value == before != 7.5
+
+
+def test_a_change_that_is_begun_is_waited_for(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it takes: what is said of it is true."""
+    begun, given_up = threading.Event(), threading.Event()
+
+    class Impatient(Promise[str]):
+        def result(self, timeout: float | None = None) -> str:
+            if timeout is not None:  # it runs out when the change has begun
+                assert begun.wait(TIMEOUT)
+                raise TimeoutError
+            return super().result()
+
+        def cancel(self) -> bool:
+            given_up.set()
+            return super().cancel()
+
+    monkeypatch.setattr(live_parameters, 'Future', Impatient)
+    node = ros.filter()
+    set_really = node.set_parameters_atomically
+
+    def set_slowly(values: Any) -> Any:
+        begun.set()
+        assert given_up.wait(TIMEOUT)
+        return set_really(values)
+
+    monkeypatch.setattr(node, 'set_parameters_atomically', set_slowly)
+    said: list[str] = []
+    page = threading.Thread(target=lambda: said.append(NodeAccess(node).set({NAME: '7.5'})))
+    page.start()
+    while page.is_alive():
+        ros.executor.spin_once(0.05)
+    assert said == ['']
+    assert node.get_parameter(NAME).value == 7.5

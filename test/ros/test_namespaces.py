@@ -10,36 +10,31 @@ import pytest
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros.executable import split_files, split_namespaces
 
+RELATIVE = 'input_topic must be without a leading slash for several namespaces, got '
+DIFFERENT = 'namespace must be different names, comma-s'
+
 
 @pytest.mark.parametrize(
-    ('text', 'topics', 'names'),
+    ('text', 'topics', 'found'),
     [
         ('', ['/points'], ['']),
         ('left', ['/points', 'points'], ['left']),
         ('left, right', ['points', 'more/points'], ['left', 'right']),
         ('/car/left,/car/right', ['points'], ['/car/left', '/car/right']),
+        # Each process would filter the same clouds.
+        ('left,right', ['/points'], f"{RELATIVE}'/points'"),
+        ('left,right', ['points', '/more/points'], f"{RELATIVE}'/more/points'"),
+        # Two nodes of one name would receive each other's requests.
+        *((text, ['points'], DIFFERENT) for text in ('left,left', 'left,/left', 'left,', ',')),
     ],
 )
-def test_accepted(text: str, topics: list[str], names: list[str]) -> None:
-    """One process may have any topic; several have relative ones."""
-    assert split_namespaces(text, topics) == names
-
-
-@pytest.mark.parametrize('topics', [['/points'], ['points', '/more/points']])
-def test_a_topic_that_all_would_share(topics: list[str]) -> None:
-    """Each process would filter the same clouds."""
-    sentence = 'input_topic must be without a leading slash for several namespaces, got ' + repr(
-        topics[-1]
-    )
-    with pytest.raises(ParameterError, match=f'^{re.escape(sentence)}$'):
-        split_namespaces('left,right', topics)
-
-
-@pytest.mark.parametrize('text', ['left,left', 'left,/left', 'left,', ','])
-def test_namespaces_that_are_not_different(text: str) -> None:
-    """Two nodes of one name would receive each other's requests."""
-    with pytest.raises(ParameterError, match=r'^namespace must be different names, comma-s'):
-        split_namespaces(text, ['points'])
+def test_namespaces(text: str, topics: list[str], found: list[str] | str) -> None:
+    """One process may have any topic; several have relative ones, and different names."""
+    if isinstance(found, list):
+        assert split_namespaces(text, topics) == found
+    else:
+        with pytest.raises(ParameterError, match=f'^{re.escape(found)}'):
+            split_namespaces(text, topics)
 
 
 def test_a_file_for_each_namespace(tmp_path: Path) -> None:

@@ -113,32 +113,6 @@ def test_says_once_that_it_is_ready(
     assert said.count('ready') == 1
 
 
-# Clouds
-
-
-def test_one_output_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Each cloud has one output with its tag and header, refused ones have none; all is counted."""
-    node = ros.filter(parameters=STRICT)
-    results = process(node, sweeps[0], 0)
-    assert process(node, broken(), 'broken') == []
-    for tag, msg in enumerate(sweeps[1:], 1):
-        results += process(node, msg, tag)
-    results += flush(node)
-    assert [result.tag for result in results] == [0, 1, 2, 3]
-    for result, msg in zip(results, sweeps, strict=True):
-        assert result.cleaned.header == result.outliers.header == msg.header
-        assert result.cleaned.width + result.outliers.width == msg.width
-    assert node.channels[0].statistics.messages == 4
-    assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
-    assert node.channels[0].statistics.outliers == sum(rejected(results))
-    assert node.channels[0].statistics.rejected == {
-        'boosted_trees': node.channels[0].statistics.outliers
-    }
-    assert node.channels[0].statistics.outliers > 50
-    assert node.channels[0].statistics.refused == 1
-    assert node.channels[0].statistics.refusals == {'point_step': 1}
-
-
 def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     """A sensor that sends nonsense at 20 Hz does not fill the log."""
     node = ros.filter()
@@ -148,9 +122,6 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
     said = capfd.readouterr().err
     assert said.count('refused a cloud') == 1
     assert 'refused a cloud (1 so far): point_step must be at least 4, the end of field' in said
-
-
-# Live
 
 
 def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -74,27 +74,6 @@ def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sent
     assert values(node) == before
 
 
-def other_than(value: object) -> object:
-    """Return another value of the same type."""
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, int | float):
-        return value + 1
-    return f'{value}x' if isinstance(value, str) else [*value, 'another']  # type: ignore[misc]
-
-
-def test_fixed_parameters_are_read_only(ros: Ros) -> None:
-    """What shapes the stream is set at the start only; what is as it is may be given again."""
-    node = ros.filter()
-    before = values(node)
-    for item in describe():
-        if item.fixed:
-            (reason,) = ros.set(**{item.name: other_than(item.default)})
-            assert 'read-only' in reason
-            assert ros.set(**{item.name: item.default}) == ['']
-    assert values(node) == before
-
-
 def test_all_or_nothing(ros: Ros) -> None:
     """Set atomically, parameters are checked with each other; one wrong one refuses them all."""
     node = ros.filter(parameters=LINEAR)
@@ -171,22 +150,30 @@ def _plain(value: object) -> object:
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('values', 'sentence'),
     [
-        (['-p', 'gap_factr:=2'], r"a known one, got 'gap_factr' \(did you mean 'gap_factor'\?\)"),
-        (['-p', 'halo:=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
-        (['-p', 'chain:=[]'], 'chain must be a list of strings, got None'),
-        (['-p', 'max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),
+        (['gap_factr:=2'], r"a known one, got 'gap_factr' \(did you mean 'gap_factor'\?\)"),
+        (['halo:=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
+        (['chain:=[]'], 'chain must be a list of strings, got None'),
+        (['max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),
         (
-            ['-p', 'alpha_beta_gamma.order:=2', '-p', 'alpha_beta_gamma.before:=3'],
+            ['alpha_beta_gamma.order:=2', 'alpha_beta_gamma.before:=3'],
             r'at least order \+ 2 = 4, with sides: either, got 3 and 3',
         ),
+        (["inputs:=['/points', 'points']"], r"must be different topics, got \['/points', 'points'"),
+        (
+            ["inputs:=['a b']"],
+            'a topic of inputs must be a topic name that ROS 2 allows',
+        ),
+        (["inputs:=['', 'a']"], r"must be a list, without repetition, of texts, got \['', 'a'\]"),
+        (["inputs:=['a', 'a']"], r"must be a list, without repetition, of texts, got \['a', 'a'\]"),
+        (["inputs:=['a', 'b']", 'motion.source:=odometry'], "must be 'none' or 'tf' with several"),
     ],
 )
-def test_refused_at_the_start(ros: Ros, arguments: list[str], sentence: str) -> None:
+def test_refused_at_the_start(ros: Ros, values: list[str], sentence: str) -> None:
     """A node is not made with parameters that make no sense."""
     with pytest.raises(ParameterError, match=sentence):
-        ros.filter(*arguments)
+        ros.filter(*(word for value in values for word in ('-p', value)))
 
 
 def test_parameters_of_the_caller(ros: Ros) -> None:

@@ -1,18 +1,66 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node that is given more than it can filter, with the real middleware."""
+"""A node that is given more than it can filter, and its end: all received clouds come first."""
 
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from helpers.nodes import Ros, hold_up, line, wait_for_thread
-from helpers.overload import results, send, start
+from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from helpers.programs import TIMEOUT
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.node import OutlierFilterNode
+
+# Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
+SHORT = {
+    'chain': ['alpha_beta_gamma'],
+    'block': 0.01,
+    'halo': 0.0,
+    'max_delay': 60.0,
+    'load.clouds': 10,
+}
+
+
+def send(ros: Ros, node: OutlierFilterNode, sensor: Sensor, count: int, first: int = 0) -> None:
+    """Publish clouds of 10 ms with one outlier each, and serve until the node has received them."""
+    health = node.channels[0].health
+    before = health._tally.clouds
+    for number in range(first, first + count):
+        sensor.publish(line(0.01 * number), expected=10**9)
+        while health._tally.clouds == before:
+            ros.executor.spin_once(0.05)
+        before = health._tally.clouds
+
+
+def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor]:
+    """Start a node, and a sensor that is connected to it. Nothing samples its health meanwhile."""
+    node = ros.filter(
+        parameters=SHORT | {key.replace('__', '.'): parameters[key] for key in parameters}
+    )
+    node.start()
+    node._diagnostics._timer.cancel()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    return node, sensor
+
+
+def results(ros: Ros, sensor: Sensor, count: int) -> list[tuple[int, int]]:
+    """Serve until there are so many outputs: number of the cloud, and its outliers."""
+    while len(sensor.outliers) < count:
+        ros.executor.spin_once(0.05)
+    return [(_number(msg), msg.width) for msg in sensor.outliers]
+
+
+def _number(msg: PointCloud2) -> int:
+    stamp, first = msg.header.stamp, line(0.0).header.stamp
+    seconds: float = stamp.sec - first.sec + (stamp.nanosec - first.nanosec) * 1e-9
+    return round(100 * seconds)
 
 
 @contextmanager
@@ -44,30 +92,23 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     assert 'overload: clouds are filtered by alpha_beta_gamma alone' in message
 
 
-def test_drop_oldest(ros: Ros) -> None:
-    """What does not fit is dropped, the oldest first, and counted; the rest is filtered."""
-    node, sensor = start(ros)
+@pytest.mark.parametrize(
+    ('policy', 'lost', 'filtered'),
+    [('drop_oldest', '15 dropped', 10), ('pass_through', '15 dropped, 9 passed unfiltered', 1)],
+)
+def test_what_does_not_fit_is_dropped(
+    ros: Ros, capfd: pytest.CaptureFixture[str], policy: str, lost: str, filtered: int
+) -> None:
+    """The oldest first, and counted; a line at the end names the policy and all losses."""
+    node, sensor = start(ros, load__policy=policy)
     with held_up(node):
         send(ros, node, sensor, 25)
         assert node.channels[0].waiting == 10
     node.finish()
-    assert results(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
+    found = [(number, int(number >= 25 - filtered)) for number in range(15, 25)]
+    assert results(ros, sensor, 10) == found
     assert node.channels[0].statistics.messages == 10
     assert node.channels[0].health._missed['dropped'] == 15
-
-
-@pytest.mark.parametrize(
-    ('policy', 'lost'),
-    [('drop_oldest', '15 dropped'), ('pass_through', '15 dropped, 9 passed unfiltered')],
-)
-def test_losses_are_in_the_log(
-    ros: Ros, capfd: pytest.CaptureFixture[str], policy: str, lost: str
-) -> None:
-    """A line at the end names the policy and counts clouds after the last sample."""
-    node, sensor = start(ros, load__policy=policy)
-    with held_up(node):
-        send(ros, node, sensor, 25)
-    node.finish()
     said = [line for line in capfd.readouterr().err.splitlines() if 'not filtered fully' in line]
     (line_,) = said
     assert line_.endswith(f'since the last warning: {lost} (load.policy is {policy})')
@@ -173,3 +214,99 @@ def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
     sensor.publish(line(0), expected=1)
     with pytest.raises(ZeroDivisionError):
         send(ros, node, sensor, 1)
+
+
+# The end
+
+
+def test_large_clouds_at_the_end(ros: Ros) -> None:
+    """While they are read, threads take turns: the one that filters does not end too soon."""
+    node, sensor = start(ros, load__clouds=1, max_points=10**7)
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        for number in range(20):
+            sensor.publish(line(0.01 * number, 20_000), expected=10**9)
+        node.finish()
+    finally:
+        sys.setswitchinterval(before)
+    assert [number for number, _ in results(ros, sensor, 20)] == list(range(20))
+    assert node.channels[0].waiting == node.channels[0].health._missed['dropped'] == 0
+
+
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'degrade'])
+def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
+    """Whatever is done with too much else: all is filtered."""
+    node, sensor = start(ros, load__policy=policy)
+    for number in range(20):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    assert sensor._publisher.wait_for_all_acked()
+    node.finish()
+    assert results(ros, sensor, 20) == [(number, 1) for number in range(20)]
+    assert node.channels[0].statistics.bypassed == {}
+    assert node.channels[0].statistics.degraded == 0
+
+
+@pytest.mark.parametrize('in_turn', [False, True])
+def test_the_end_while_the_filter_polls(ros: Ros, *, in_turn: bool) -> None:
+    """What comes when it has just found nothing, and the end behind it, are still done."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    thread, advance = channel.worker._thread, channel._filter.advance
+    assert thread is not None
+    done: list[bool] = []
+
+    def end_meanwhile() -> list[SplitCloud]:
+        channel._filter.advance = advance  # type: ignore[method-assign]
+        channel.worker.inbox.order(lambda: done.append(True), in_turn=in_turn)
+        channel.worker.inbox.close([channel._noted(serialize_message(line(0.0)))])
+        return advance()
+
+    channel._filter.advance = end_meanwhile  # type: ignore[method-assign]
+    channel.worker.inbox.wake()
+    thread.join(TIMEOUT)
+    assert done == [True]
+    assert node.channels[0].waiting == 1
+    assert channel.worker.inbox.clouds == 0
+    node.finish()
+    assert results(ros, sensor, 1) == [(0, 1)]
+
+
+def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
+    """Clouds that came before the filter was switched off are filtered, those after it pass."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    go_on = hold_up(node)
+    send(ros, node, sensor, 3)
+    channel.worker.enable(on=False)
+    send(ros, node, sensor, 2, first=3)
+    channel.worker.enable(on=True)
+    channel.worker.flush_pending()
+    for number in (5, 6):  # not served any more
+        sensor.publish(line(0.01 * number), expected=10**9)
+    sensor._publisher.wait_for_all_acked()
+    channel.close()
+    go_on.set()
+    node.finish()
+    found = [0 if number in (3, 4) else 1 for number in range(7)]
+    assert results(ros, sensor, 7) == list(enumerate(found))
+
+
+def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
+    """Nobody would learn of them: what waits is let go, and the thread ends."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    thread = channel.worker._thread
+    assert thread is not None
+    go_on = hold_up(node)
+    send(ros, node, sensor, 3)
+    stopping = threading.Thread(target=channel.stop)
+    stopping.start()
+    while not channel.worker.inbox.closed:
+        ros.executor.spin_once(0.01)
+    send(ros, node, sensor, 1)
+    go_on.set()
+    stopping.join(TIMEOUT)
+    assert not thread.is_alive()
+    assert node.channels[0].waiting == node.channels[0].statistics.messages == 0
+    assert channel.health._missed['dropped'] == 1
