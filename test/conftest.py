@@ -27,65 +27,41 @@ hypothesis.settings.register_profile('house', hypothesis.settings(), deadline=No
 hypothesis.settings.load_profile('house')
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Let pass what is not ours: rclpy's type support imports a parser that imports old modules."""
-    for module in ('sre_parse', 'sre_constants'):
-        ignore = f"ignore:module '{module}' is deprecated:DeprecationWarning"
-        config.addinivalue_line('filterwarnings', ignore)
-
-
 REAL = ROOT.parent / 'shared' / 'data'
-NEED_REAL = 'real_data'  # the fixture of the tests that only real recordings serve
+IS_REAL = (REAL / 'bags').is_dir()
 LEFT_OUT = (
-    '{} tests need real recordings and clouds, which must be in ../shared/data of the project; '
-    'CONTRIBUTING.md says where they come from'
+    'tests that need real recordings and clouds are left out: these must be in ../shared/data of '
+    'the project; CONTRIBUTING.md says where they come from'
 )
-left_out = pytest.StashKey[int]()
 
 
 @pytest.fixture(scope='session')
 def real_data() -> Path:
     """Find the folder of real recordings and clouds; without it CI fails."""
-    assert (REAL / 'bags').is_dir(), LEFT_OUT.format('some')
+    assert IS_REAL, LEFT_OUT
     return REAL
 
 
 @pytest.fixture(scope='session')
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Find a folder with ``bags``: real ones, or else simulated ones like them."""
-    if (REAL / 'bags').is_dir():
+    if IS_REAL:
         return REAL
     from helpers.stand_ins import write_stand_ins  # noqa: PLC0415
 
     return write_stand_ins(tmp_path_factory.mktemp('stand_ins'))
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave out the tests of real recordings without these; not in CI."""
-    if (REAL / 'bags').is_dir() or os.environ.get('CI'):
-        return
-    real = [item for item in items if NEED_REAL in getattr(item, 'fixturenames', ())]
-    config.stash[left_out] = len(real)
-    config.hook.pytest_deselected(items=real)
-    items[:] = [item for item in items if item not in real]
+    if not IS_REAL and not os.environ.get('CI'):
+        items[:] = [one for one in items if 'real_data' not in getattr(one, 'fixturenames', ())]
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Tell the process that started this one how many were left out."""
-    if hasattr(session.config, 'workeroutput'):
-        session.config.workeroutput[NEED_REAL] = session.config.stash.get(left_out, 0)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_testnodedown(node: Any) -> None:
-    """Take the number from a process that has run tests: all of them collect alike."""
-    node.config.stash[left_out] = getattr(node, 'workeroutput', {}).get(NEED_REAL, 0)
-
-
-def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Say in one line which tests were left out, and where their data come from."""
-    if count := config.stash.get(left_out, 0):
-        terminalreporter.write_line(LEFT_OUT.format(count))
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say in one line that tests were left out, and where their data come from."""
+    if not IS_REAL and not os.environ.get('CI'):
+        terminalreporter.write_line(LEFT_OUT)
 
 
 # Tests without ROS do not wait for its import.

@@ -3,7 +3,6 @@
 """Archives of recordings: what is done is skipped, changes are replayed, failures stay alone."""
 
 import os
-import re
 import shutil
 from collections.abc import Callable
 from hashlib import sha256
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers import ROOT
 from helpers.archives import SET, content, hidden, records, replaying, tree, write_drives
 from helpers.drives import hashes, rows_of_turn, topic_of, write_drive
 from helpers.labelled import write
@@ -227,37 +225,6 @@ def test_a_recording_that_changes_meanwhile(
     assert run_on() == 1
     assert 'must be unchanged while it is read' in capsys.readouterr().err
     assert not content(OUT)
-
-
-def test_line_of_the_page() -> None:
-    """The first line for an archive works as it is written; again, it changes nothing."""
-    text = (ROOT / 'doc/archives.md').read_text()
-    line = re.findall(r'^lidar-outlier-filter (replay drives .*)$', text, re.MULTILINE)[0]
-    made = []
-    for _ in range(2):
-        assert main([*line.split(), SET]) == 0
-        made.append(tree(Path('drives_cleaned')))
-    assert made[0] == made[1]
-
-
-@pytest.mark.parametrize(
-    ('options', 'sentence'),
-    [
-        (['--output=drives/out'], 'the output must be outside of '),
-        (['--output=drives'], 'the output must be outside of '),
-        (['--set=sor.k=none'], 'sor.k must be a whole number'),
-        (['--jobs=0'], '--jobs must be at least 1, got 0'),
-        (['--scheduler=tcp://x', '--jobs=2'], '--jobs must be left out with --scheduler'),
-    ],
-)
-def test_refused_at_once(capsys: Capture, options: list[str], sentence: str) -> None:
-    """What is wrong with the command costs no recording."""
-    before = tree(Path())
-    assert main(['replay', 'drives', *options]) == 1
-    assert sentence in capsys.readouterr().err
-    assert tree(Path()) == before
-    assert main(['replay', 'drives/first', '--scheduler', 'tcp://x']) == 1
-    assert '--scheduler must be for several' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,40 +1,37 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: exit statuses, sentences, and what is left of an interrupted run."""
+"""The command line: exit statuses, sentences, completion, and what is compiled."""
 
 import os
 import pty
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 from argparse import ArgumentParser
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from helpers import names
-from helpers.drives import write_drive
+from helpers.programs import ended
+from helpers.watching import fresh_copy
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli import compile as compile_notice
 from lidar_outlier_filter.cli.arguments import add_parameter_options
 from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import read_parameters
+from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 Capture = pytest.CaptureFixture[str]
 
-# A process that was started in the background of a shell would ignore SIGINT.
-COMMAND = """
-import signal, sys
-from lidar_outlier_filter.cli.main import main
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main(sys.argv[1:]))
-"""
 BAR = '━━'.encode()
-RUN = [sys.executable, '-c', COMMAND]
+RUN = [sys.executable, '-m', 'lidar_outlier_filter.cli.main']
 
 
 @pytest.fixture
@@ -52,22 +49,6 @@ def rows(table: str) -> dict[str, list[str]]:
 def count(text: str) -> int:
     """Read a printed number."""
     return int(text.replace(',', ''))
-
-
-def test_help_imports_nothing_heavy() -> None:
-    """Help of any command is instant: no numpy, no numba, no ROS, no rosbags, no rich."""
-    heavy = "{'numpy', 'numba', 'matplotlib', 'rclpy', 'rosbags', 'rich', 'yaml', 'scipy'}"
-    program = (
-        'import argparse, sys\nfrom lidar_outlier_filter.cli.main import commands_for, main\n'
-        'commands = argparse.ArgumentParser().add_subparsers()\n'
-        'for add in commands_for(()):\n    add(commands)\n'
-        "try:\n    main(['replay', '--help'])\nfinally:\n"
-        f'    sys.stderr.write(repr({heavy} & set(sys.modules)))'
-    )
-    command = [sys.executable, '-c', program]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert '--drop-input' in done.stdout
-    assert done.stderr == 'set()'
 
 
 def test_every_command_ends_its_help_with_two_examples(capsys: Capture) -> None:
@@ -163,32 +144,6 @@ def test_several_parameter_files(tmp_path: Path) -> None:
     assert read_parameters(options.params, options.settings) == {}
 
 
-@pytest.mark.parametrize(
-    ('options', 'sentence'),
-    [
-        (
-            ['--topic', '/nowhere'],
-            "a topic to filter must be one of /velodyne_points, got '/nowhere'",
-        ),
-        (['--set', 'block'], "--set must be NAME=VALUE, got 'block'"),
-        (['--set', 'block=: :'], "the value of block must be YAML, got ': :'"),
-        (['--set', 'block=long'], "block must be a number, got 'long'"),
-        (['--params', 'missing.yaml'], 'missing.yaml must be a readable YAML file, got'),
-        (['--output', '.'], 'the output must be a new folder, got ., which exists'),
-    ],
-)
-def test_refused_in_one_sentence(
-    drive: Path, tmp_path: Path, capsys: Capture, options: list[str], sentence: str
-) -> None:
-    """What makes no sense gives one sentence, exit status 1, and no output."""
-    assert main(['replay', str(drive), *options]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.startswith(sentence)
-    assert printed.err.count('\n') == 1
-    assert printed.out == ''
-    assert names(tmp_path) == ['drive']
-
-
 def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Capture) -> None:
     """Where an output is missing, the output is written, and the exit status says not."""
     source = tmp_path / 'damaged'
@@ -230,58 +185,6 @@ def read_terminal(leader: int) -> bytes:
     return screen
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupted(tmp_path: Path, number: signal.Signals, status: int) -> None:
-    """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
-    write_drive(tmp_path / 'long', 3000)
-    command = [*RUN, 'replay', str(tmp_path / 'long'), '--output', str(tmp_path / 'out')]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        while not any(file.stat().st_size for file in tmp_path.glob('.out.partial-*/out/*.mcap')):
-            with pytest.raises(subprocess.TimeoutExpired):
-                process.wait(timeout=0.02)
-        process.send_signal(number)
-        _, said = process.communicate(timeout=60)
-    assert process.returncode == status
-    assert 'Traceback' not in said
-    assert names(tmp_path) == ['long']
-
-
-@pytest.mark.parametrize('words', [['clean', ''], ['info', ''], ['clean', 'a', '--output=']])
-def test_an_empty_argument(words: list[str], capsys: Capture) -> None:
-    """It would be the working folder."""
-    assert main(words) == 1
-    assert capsys.readouterr().err == f'an argument must be not empty, got {words[-1]!r}\n'
-
-
-@pytest.mark.parametrize(
-    ('words', 'sentence'),
-    [
-        ('info pipe', 'got a pipe or device'),
-        ('replay pipe', 'got a pipe or device'),
-        ('clean a.csv --set=mask=pipe', 'got a pipe or device'),
-        ('evaluate a.csv --labels=pipe', 'got a pipe or device'),
-        (
-            'evaluate a.csv --verdict=x --labels=labels',
-            '1.label must be a file, got a pipe or device',
-        ),
-        ('clean a.csv --chain=sor --params by_name.yaml', 'the mask pipe must be a readable file'),
-    ],
-)
-def test_named_pipes(
-    words: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    """To open one would wait for ever, wherever it is named."""
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo('pipe')
-    Path('labels').mkdir()
-    os.mkfifo('labels/1.label')
-    Path('a.csv').write_text('x,y,z\n0,0,0\n')
-    Path('by_name.yaml').write_text('/**:\n  ros__parameters:\n    mask: pipe\n')
-    assert main(words.split()) == 1
-    assert sentence in capsys.readouterr().err
-
-
 @pytest.mark.parametrize('verb', ['clean', 'report', 'info'])
 def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> None:
     """A file may have any bytes as its name; no traceback is printed."""
@@ -289,45 +192,6 @@ def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> 
     path.write_text('x,y,z\n' + ''.join(f'{i},{i * i % 7},{i % 3}\n' for i in range(50)))
     assert main([verb, str(path)]) in {0, 1}
     assert 'Traceback' not in capsys.readouterr().err
-
-
-@pytest.fixture
-def here(drive: Path, real_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work where there are a recording, a folder of one, a file of points and a folder of one."""
-    folder = drive.parent
-    shutil.copytree(drive, folder / 'drives/a')
-    (folder / 'strips').mkdir()
-    for name in ('plane.laz', 'strips/a.laz'):
-        shutil.copy(real_data / 'clouds' / 'plane.laz', folder / name)
-    (folder / 'cloud.xyz').write_text('1.0 2.0 3.0\n2.0 3.0 4.0\n')
-    monkeypatch.chdir(folder)
-    return folder
-
-
-@pytest.mark.parametrize(
-    ('wrong', 'right'),
-    [
-        ('replay plane.laz', '; {} clean plane.laz filters a file of points'),
-        ('clean drive', '; {} replay drive filters a recording'),
-        ('clean drives', '; {} replay drives filters a folder of recordings'),
-        ('info drives', '; it is a folder of recordings, so name one: {} info drives/a'),
-        ('replay strips', '; {} clean strips filters a folder of files'),
-        ('info strips', '; it is a folder of files, so name one: {} info strips/a.laz'),
-        ('clean cloud.xyz', 'read with --columns 1,2,3 (it has no header)'),
-        ('info nothing.laz', ', got none'),
-        ('clean plane.laz --set chain=lof,sor', "as in chain=[lof,sor], got 'lof,sor'"),
-    ],
-)
-@pytest.mark.usefixtures('here')
-def test_what_to_type_instead(wrong: str, right: str, capsys: Capture) -> None:
-    """One sentence says what to type; other refusals end with what was got."""
-    assert main(wrong.split()) == 1
-    said = capsys.readouterr().err
-    assert right.format('lidar-outlier-filter') in said
-    assert right.startswith((';', ',')) <= said.endswith(
-        right.format('lidar-outlier-filter') + '\n'
-    )
-    assert said.count('\n') == 1
 
 
 @pytest.mark.parametrize(
@@ -354,7 +218,49 @@ def test_completion(line: str, expected: set[str], tmp_path: Path) -> None:
         'COMP_POINT': str(len(words)),
         'COMP_TYPE': '9',
     }
-    command = [sys.executable, '-m', 'lidar_outlier_filter.cli.main']
-    subprocess.run(command, env={**os.environ, **asked}, check=True, cwd=tmp_path)
+    subprocess.run(RUN, env={**os.environ, **asked}, check=True, cwd=tmp_path)
     found = (tmp_path / 'completions').read_text('utf-8').split('\v')
     assert {one.strip() for one in found} == expected
+
+
+@pytest.mark.slow
+def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
+    """The second run compiles nothing, and says nothing of it."""
+    env = fresh_copy(tmp_path, 'sor._average*.nb?')
+    file = tmp_path / 'cloud.csv'
+    rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
+    file.write_text('x,y,z\n' + ''.join(rows))
+    words = (
+        '-P',
+        '-m',
+        'lidar_outlier_filter.cli.main',
+        'clean',
+        file,
+        '--dry-run',
+        '--chain',
+        'sor',
+    )
+    first, second = (ended(sys.executable, *words, env=env).stderr for _ in range(2))
+    assert first.count(f'{compile_notice.SENTENCE}\n') == 1
+    assert 'compiled' not in second
+
+
+def test_what_is_compiled_is_said_before(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command names all parts before the first, which takes a while, is done."""
+    said: list[str] = []
+
+    def run(_self: object, work: list[object], advance: Callable[..., object]) -> list[str]:
+        said.append(capsys.readouterr().err)
+        advance(1, len(work), 'lof')
+        return []
+
+    monkeypatch.setattr(compiling, 'load', lambda *_, **__: False)
+    monkeypatch.setattr(compiling.Processes, 'run', run)
+    monkeypatch.setattr(CacheFile, 'allows_portable', CacheFile.allows_portable)
+    assert main(['compile', '--chain', 'lof,sor']) == 0
+    (before,) = said
+    assert before.startswith('compiling, ')
+    assert before.endswith(': lof; sor\n')
+    assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')

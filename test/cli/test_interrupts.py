@@ -8,6 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers import names
+from helpers.drives import write_drive
+from helpers.programs import ended
 
 from lidar_outlier_filter.cli.terminal import SIGNALS, handlers_kept, ignore
 
@@ -78,7 +81,7 @@ def test_interrupted_import(tmp_path: Path, module: str, wrapped: str) -> None:
     """Ctrl-C in the first second, when all is imported, gives status 130 and not a word."""
     program = BEGIN + IMPORTS.format(wrapped=wrapped)
     command = [sys.executable, '-c', program, 'clean', cloud(tmp_path), module]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = ended(*command)
     assert (done.returncode, done.stdout, done.stderr) == (130, '', '')
     assert [path.name for path in tmp_path.iterdir()] == ['cloud.csv']
 
@@ -111,7 +114,7 @@ def test_the_second_signal_ends_at_once(number: signal.Signals) -> None:
 def test_all_is_written(tmp_path: Path) -> None:
     """Signals after the output is complete change nothing: the status says that all is done."""
     command = [sys.executable, '-c', BEGIN + DONE, 'clean', cloud(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = ended(*command)
     assert done.returncode == 0
     assert 'Traceback' not in done.stderr
     assert f'written to {tmp_path}/cloud_cleaned.csv' in done.stdout
@@ -124,3 +127,39 @@ def test_the_caller_keeps_its_handlers() -> None:
         ignore()
         assert [signal.getsignal(number) for number in SIGNALS] == [signal.SIG_IGN] * 2
     assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('words', 'begun', 'number'),
+    [
+        ('replay long --output out', '.out.partial-*/out/*.mcap', signal.SIGTERM),
+        ('replay long --output out', '.out.partial-*/out/*.mcap', signal.SIGKILL),
+        ('clean long.csv', '.long_cleaned.csv.partial-*', signal.SIGINT),
+        ('clean long.csv --tile 10', '.long_cleaned.csv.partial-*', signal.SIGTERM),
+    ],
+)
+def test_ended_in_the_middle(
+    tmp_path: Path, words: str, begun: str, number: signal.Signals
+) -> None:
+    """Nothing is left, and no trace; what a kill leaves is hidden, and the next run removes it."""
+    if 'replay' in words:
+        write_drive(tmp_path / 'long', 800)
+    else:
+        (tmp_path / 'long.csv').write_text('x,y,z\n' + '1.5,2.5,0\n' * 1_200_000)
+    before = names(tmp_path)
+    command = [sys.executable, '-c', BEGIN + 'sys.exit(start())', *words.split()]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        while not any(path.stat().st_size for path in tmp_path.glob(begun)):
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(timeout=0.02)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    assert 'Traceback' not in said
+    if number != signal.SIGKILL:
+        assert process.returncode == 128 + number
+        assert names(tmp_path) == before
+    else:
+        assert [name for name in names(tmp_path) if not name.startswith('.')] == before
+        assert ended(*command, folder=tmp_path).returncode == 0
+        assert names(tmp_path) == [*before, 'out']

@@ -3,7 +3,7 @@
 """What works without ROS, and without the extra ``lab``."""
 
 import ast
-import os
+import json
 import re
 import subprocess
 import sys
@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import ROOT
+from helpers import ROOT, names
 from helpers.drives import write_drive
+from helpers.programs import ended
 
 from lidar_outlier_filter import __version__
 
@@ -37,10 +38,6 @@ SENTENCE = (
 NO_PICTURE = SENTENCE.format(module='matplotlib') + '; no picture is drawn\n'
 FAST = ['--set', 'chain=[alpha_beta_gamma]', '--set', 'scores=true']
 CSV = ['--set', 'chain=[sor]']
-COMMAND = """
-from lidar_outlier_filter.cli.main import main
-sys.exit(main(sys.argv[1:]))
-"""
 
 NODE = """
 from lidar_outlier_filter.cli.node import main
@@ -63,16 +60,8 @@ def run(
     code: str, *arguments: object, folder: Path | None = None, blocked: set[str] | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a program in a folder, without some modules; if none are named, without those of ROS."""
-    given = [str(argument) for argument in arguments]
-    return subprocess.run(
-        [sys.executable, '-c', BLOCK.format(blocked=blocked or of_ros()) + code, *given],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env={**os.environ, 'COLUMNS': '200'},
-    )
+    code = BLOCK.format(blocked=blocked or of_ros()) + code
+    return ended(sys.executable, '-c', code, *arguments, folder=folder, env={'COLUMNS': '200'})
 
 
 def output(code: str, *arguments: object) -> str:
@@ -87,15 +76,28 @@ def text_of_session() -> str:
     return SESSION.read_text(encoding='utf-8').split('\n', 3)[3]
 
 
-def test_the_import_is_thin() -> None:
-    """The import of the library imports nothing else; its names bring what they need."""
-    heavy = ('numpy', 'scipy', 'numba', 'matplotlib', 'rosbags', 'rclpy', 'sensor_msgs')
-    code = f'import lidar_outlier_filter; print([one for one in {heavy} if one in sys.modules])'
-    assert output(code).strip() == '[]'
-    code = 'from lidar_outlier_filter import *; print(detect_outliers, CloudFilter, Verdict)'
-    assert 'function detect_outliers' in output(code)
-    code = 'import lidar_outlier_filter.recordings.replay; print("scipy.spatial" in sys.modules)'
-    assert output(code).strip() == 'False'
+HELP = """
+import argparse
+from lidar_outlier_filter.cli.main import commands_for
+commands = argparse.ArgumentParser().add_subparsers()
+for add in commands_for(()):
+    add(commands)
+for command in commands.choices.values():
+    command.format_help()
+"""
+LIGHT = {
+    'import lidar_outlier_filter': 'numpy scipy numba matplotlib rosbags rclpy sensor_msgs',
+    'import lidar_outlier_filter.recordings.replay': 'scipy.spatial',
+    'from lidar_outlier_filter.parameters import filter; filter.FilterParameters()': 'numpy scipy',
+    HELP: 'numpy numba matplotlib rclpy rosbags rich yaml scipy',
+}
+
+
+@pytest.mark.parametrize(('code', 'heavy'), LIGHT.items())
+def test_imports_are_light(code: str, heavy: str) -> None:
+    """The library, all parameters and the help of all commands wait for nothing."""
+    code += f'\nimport sys; print([one for one in {heavy.split()} if one in sys.modules])'
+    assert output(code) == '[]\n'
 
 
 def test_session() -> None:
@@ -115,24 +117,6 @@ def test_the_readme_quotes_the_session() -> None:
     """The README shows the session as it is."""
     readme = (ROOT / 'README.md').read_text(encoding='utf-8')
     assert f'```python\n{text_of_session()}```\n' in readme
-
-
-@pytest.mark.slow
-def test_commands(tmp_path: Path) -> None:
-    """Simulate, clean, evaluate and tune, from end to end."""
-    rng = np.random.default_rng(1)
-    xyz = np.column_stack([rng.uniform(-9, 9, (600, 2)), rng.normal(0, 0.02, 600), np.zeros(600)])
-    xyz[::40, 2:] += [4, 1]
-    cloud, cleaned = tmp_path / 'cloud.csv', tmp_path / 'cleaned.csv'
-    np.savetxt(cloud, xyz, delimiter=',', header='x,y,z,label', comments='', fmt='%.9g')
-    assert '600' in output(COMMAND, 'clean', cloud, '--output', cleaned)
-    assert 'precision' in output(COMMAND, 'evaluate', cleaned)
-    options = ['--set', 'chain=[lof]', '--search', 'lof.min_pts=10,20', '--folds', 2]
-    assert 'lof.' in output(COMMAND, 'tune', cloud, *options, '--output', tmp_path / 'x.yaml')
-    bag = tmp_path / 'bag'
-    assert '656' in output(COMMAND, 'simulate', 'sotoodeh-hod', '--output', bag)
-    options = ['--set', 'chain=[hierarchical]', '--folds', 2, '--output', tmp_path / 'y.yaml']
-    assert 'hierarchical.' in output(COMMAND, 'tune', bag, *options)
 
 
 def test_the_node_says_what_it_does() -> None:
@@ -158,26 +142,6 @@ def test_the_node_refuses_arguments_that_it_has_not() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    'arguments',
-    [
-        ['replay', 'drive', '--output', 'out'],
-        ['simulate', 'street-16', '--output', 'out'],
-        ['evaluate', 'drive'],
-        ['tune', 'drive'],
-    ],
-)
-def test_recordings_need_rosbags(arguments: list[str], tmp_path: Path) -> None:
-    """Where it is not installed, as by rosdep on Ubuntu, its commands say so in one sentence."""
-    code = f'import os\nos.chdir({str(tmp_path)!r})\nsys.modules["rosbags"] = None'
-    refused = run(code + COMMAND, *arguments)
-    assert refused.returncode == 1, refused.stderr
-    assert refused.stderr == (
-        'the module rosbags must be installed for recordings (the page on installation has the '
-        'line), got none\n'
-    )
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Make a folder with a recording and a file."""
@@ -190,6 +154,48 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def statuses(commands: list[list[str]], folder: Path, blocked: set[str]) -> tuple[list[int], str]:
+    """Run commands in one process; return the status of each, and all that they say."""
+    code = f"""
+from lidar_outlier_filter.cli.main import main
+print([main(words) for words in {commands}])
+"""
+    done = run(code, folder=folder, blocked=blocked)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stderr
+
+
+@pytest.mark.slow
+def test_commands(folder: Path) -> None:
+    """Simulate, clean, evaluate and tune, from end to end."""
+    lof = ['--set', 'chain=[lof]', '--search', 'lof.min_pts=10,20', '--folds', '2']
+    commands = [
+        ['clean', 'cloud.csv', '--output', 'cleaned.csv'],
+        ['evaluate', 'cleaned.csv'],
+        ['tune', 'cloud.csv', *lof, '--output', 'x.yaml'],
+        ['simulate', 'sotoodeh-hod', '--output', 'bag'],
+        ['tune', 'bag', '--set', 'chain=[hierarchical]', '--folds', '2', '--output', 'y.yaml'],
+    ]
+    assert statuses(commands, folder, of_ros())[0] == [0] * 5
+    for name, detector in (('x.yaml', 'lof'), ('y.yaml', 'hierarchical')):
+        assert f'chain: [{detector}]' in (folder / name).read_text()
+
+
+def test_recordings_need_rosbags(tmp_path: Path) -> None:
+    """Where it is not installed, as by rosdep on Ubuntu, its commands say so in one sentence."""
+    commands = [
+        ['replay', 'drive', '--output', 'out'],
+        ['simulate', 'street-16', '--output', 'out'],
+        ['evaluate', 'drive'],
+        ['tune', 'drive'],
+    ]
+    sentence = (
+        'the module rosbags must be installed for recordings (the page on installation has the '
+        'line), got none\n'
+    )
+    assert statuses(commands, tmp_path, of_ros() | {'rosbags'}) == ([1] * 4, sentence * 4)
+
+
 def test_without_ros_and_the_lab(folder: Path) -> None:
     """Recordings, files and arrays are cleaned, inspected and judged."""
     commands = [
@@ -199,34 +205,25 @@ def test_without_ros_and_the_lab(folder: Path) -> None:
         ['clean', 'cloud.csv', '--output', 'cleaned.csv', *CSV],
         ['evaluate', 'cleaned.csv'],
     ]
-    code = f"""
-from lidar_outlier_filter.cli.main import main
-print([main(words) for words in {commands}])
-"""
-    done = run(code, folder=folder, blocked=of_ros() | LAB)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == '[0, 0, 0, 0, 0]'
+    assert statuses(commands, folder, of_ros() | LAB)[0] == [0] * 5
 
 
-@pytest.mark.parametrize(
-    ('status', 'sentence', 'command', 'left'),
-    [
-        (3, NO_PICTURE, ['clean', 'cloud.csv', '--picture', 'worst.png', *CSV], True),
-        (3, NO_PICTURE, ['report', 'drive', '--output', 'a', '--figures', 'b', *FAST], True),
-        (1, NO_PICTURE, ['report', 'drive', '--figures', 'figures'], False),
-        (3, NO_PICTURE, ['evaluate', 'cloud.csv', '--score', 'z', '--output', 'out'], True),
-        (1, 'matplotlib', ['results', '--output', 'out.md'], False),
-        (1, 'matplotlib', ['demo', '--output', 'out'], False),
-        (1, 'sklearn', ['train', '--output', 'out.json'], False),
-    ],
-)
-def test_pictures_without_the_lab(
-    folder: Path, status: int, sentence: str, command: list[str], *, left: bool
-) -> None:
-    """What cannot be drawn is said once, before the work, and nothing else is lost."""
-    done = run(COMMAND, *command, folder=folder, blocked=LAB)
-    expected = sentence if ' ' in sentence else SENTENCE.format(module=sentence) + '\n'
-    assert (done.returncode, done.stderr.count('the module')) == (status, 1)
-    assert done.stderr.startswith(expected)
-    new = {path.name for path in folder.iterdir()} - {'drive', 'cloud.csv'}
-    assert bool(new) == left
+def test_pictures_without_the_lab(folder: Path) -> None:
+    """What cannot be drawn is said once, and nothing else is lost."""
+    commands = [
+        ['clean', 'cloud.csv', '--picture', 'worst.png', *CSV],
+        ['report', 'drive', '--output', 'a', '--figures', 'b', *FAST],
+        ['evaluate', 'cloud.csv', '--score', 'z', '--output', 'out'],
+        ['report', 'drive', '--figures', 'figures'],
+        ['results', '--output', 'out.md'],
+        ['demo', '--output', 'demo'],
+        ['train', '--output', 'out.json'],
+    ]
+    found, said = statuses(commands, folder, LAB)
+    assert found == [3, 3, 3, 1, 1, 1, 1]
+    modules = re.findall(r'the module (\w+) must be installed for this command', said)
+    assert modules == ['matplotlib'] * 6 + ['sklearn']
+    assert said.startswith(NO_PICTURE)
+    assert said.count(NO_PICTURE) == 4
+    left = ['a', 'cloud.csv', 'cloud_cleaned.csv', 'cloud_cleaned.csv.json', 'drive', 'out']
+    assert names(folder) == left

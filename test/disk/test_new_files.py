@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers import HELPERS, names
+from helpers import names
 from helpers.damaged import write_recording
 from helpers.hostile import FORMATS, whole_file
 
@@ -234,7 +234,6 @@ def test_missing_libraries(
         open_cloud(path)
 
 
-KILLING = HELPERS / 'killing.py'
 FULL = """
 import resource, sys
 from lidar_outlier_filter.cli.main import main
@@ -242,21 +241,6 @@ import lidar_outlier_filter.files.clean
 resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
 print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
 """
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('what', 'source'),
-    [('clean', 'clouds/plane.laz'), ('replay', 'bags/vlp16_mrpt_mcap')],
-)
-def test_killed_runs(real_data: Path, tmp_path: Path, what: str, source: str) -> None:
-    """No output has its final name; the next run succeeds, and removes the hidden folder."""
-    command = [sys.executable, str(KILLING), what, str(real_data / source), str(tmp_path), '4']
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    lines = done.stdout.splitlines()
-    assert len(lines) == 4
-    assert all(line.startswith('good') for line in lines), done.stdout
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_left_is_removed(tmp_path: Path) -> None:

@@ -168,23 +168,6 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
     assert (laspy.read(tmp_path / 'b_cleaned.las').classification == 7).sum() == 2
 
 
-@pytest.mark.parametrize(
-    ('options', 'sentence'),
-    [
-        ('--only-classes ground', '--only-classes must be whole numbers, with commas between'),
-        ('--keep-classes 300', 'a class must be from 0 to 255, got 300'),
-        ('--jobs 0', '--jobs must be at least 1, got 0'),
-        ('--rejected remove --mark noise', 'how rejected points are marked must be'),
-        ('--output b.copc.laz', 'the output must be LAZ without an octree, of which untwine'),
-    ],
-)
-def test_refused(cloud: Path, options: str, sentence: str, capsys: Capture) -> None:
-    """A wrong option is refused in one sentence, and nothing is written."""
-    assert main(['clean', str(cloud), *options.split()]) == 1
-    assert capsys.readouterr().err.startswith(sentence)
-    assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
-
-
 def test_high_and_low() -> None:
     """Rejected points are compared with kept points around them on the map."""
     rng = np.random.default_rng(2)

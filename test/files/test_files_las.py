@@ -11,7 +11,7 @@ import laspy
 import lazrs
 import numpy as np
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import columns, copied, every_third, number, patch, verdict
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError
@@ -31,11 +31,6 @@ def raw(path: Path) -> NDArray[np.void]:
     """Read the point records as they are."""
     points: NDArray[np.void] = laspy.read(path).points.array
     return points
-
-
-def number(data: bytes, offset: int, size: int) -> int:
-    """Read an unsigned number out of a header."""
-    return int.from_bytes(data[offset : offset + size], 'little')
 
 
 def records(path: Path, *, extended: bool = False) -> list[bytes]:
@@ -72,13 +67,6 @@ def make(path: Path, point_format: int = 3, version: str = '1.4', count: int = 1
             more = [laspy.VLR('someone', 78, 'a long note', b'\1\2\3' * 50_000)]
             writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(more))
     return path
-
-
-def patch(path: Path, offset: int, data: bytes) -> None:
-    """Overwrite some bytes of a file."""
-    whole = bytearray(path.read_bytes())
-    whole[offset : offset + len(data)] = data
-    path.write_bytes(whole)
 
 
 @pytest.fixture

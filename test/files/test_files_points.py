@@ -8,10 +8,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 import pyarrow as pa
 import pytest
+from helpers.cloud_files import write_las
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError, FilterError
@@ -207,17 +207,10 @@ def test_gaps_in_coordinates_and_marks(tmp_path: Path, suffix: str) -> None:
 
 def las(folder: Path, **columns: Any) -> Path:
     """Write a file with some dimensions given."""
-    header = laspy.LasHeader(point_format=6, version='1.4')
     count = len(columns['gps_time'])
-    points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
-    points['x'] = np.arange(1, count + 1)
-    points['return_number'][:] = 1
-    for name, values in columns.items():
-        points[name] = values
-    path = folder / 'made.las'
-    with laspy.open(path, 'w', header=header) as writer:
-        writer.write_points(points)
-    return path
+    usual: dict[str, Any] = {'X': np.arange(1, count + 1)}
+    usual['return_number'] = np.ones(count, np.uint8)
+    return write_las(folder / 'made.las', count, **usual | columns)
 
 
 def groups(line: np.ndarray[Any, Any]) -> list[int]:

@@ -5,25 +5,16 @@
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from helpers.cloud_files import columns, copied, verdict
+from helpers.cloud_files import columns, copied, run_sql, verdict
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
 COUNT = 30
-
-
-def run(path: Path, *statements: str) -> list[tuple[Any, ...]]:
-    """Run SQL; return what the last statement finds."""
-    with closing(sqlite3.connect(path)) as database, database:
-        for statement in statements:
-            found = database.execute(statement).fetchall()
-    return found
 
 
 def make(folder: Path) -> Path:
@@ -58,14 +49,14 @@ def test_columns(tmp_path: Path) -> None:
 def test_whole_numbers_are_exact(tmp_path: Path) -> None:
     """Large whole numbers are not rounded, stored as text or not; beyond 64 bits they are."""
     path, large = tmp_path / 'large.db', 2**53 + 1
-    run(path, 'CREATE TABLE t (x, y TEXT, z, a TEXT, b TEXT, c TEXT)')
+    run_sql(path, 'CREATE TABLE t (x, y TEXT, z, a TEXT, b TEXT, c TEXT)')
     values = (large, f'{large}', 2.0**63, f'{2**63}', f'{2**63 - 1}', f'{-(2**63)}')
     with closing(sqlite3.connect(path)) as database, database:
         database.execute('INSERT INTO t VALUES (?, ?, ?, ?, ?, ?)', values)
     found = [column.tolist() for column in columns(path)]
     assert found == [[large], [large], [2.0**63], [2.0**63], [2**63 - 1], [-(2**63)]]
     assert [type(one) for (one,) in found] == [int, int, float, float, int, int]
-    run(path, 'INSERT INTO t (x) VALUES (NULL)')
+    run_sql(path, 'INSERT INTO t (x) VALUES (NULL)')
     x, y, z = next(cloud_file.read(open_cloud(path), ['x', 'y', 'z'], exact=True))
     assert x.tolist() == y.tolist() == [large, None]
     np.testing.assert_array_equal(z, [2.0**63, np.nan])
@@ -80,8 +71,8 @@ def test_verdict(tmp_path: Path) -> None:
         "SELECT * FROM sqlite_schema WHERE name NOT LIKE '%verdict' ORDER BY name",
         'SELECT * FROM "line 11" ORDER BY id',
     ):
-        assert run(copy, query) == run(path, query)
-    found = run(copy, 'SELECT * FROM "line 11_verdict" ORDER BY row_id')
+        assert run_sql(copy, query) == run_sql(path, query)
+    found = run_sql(copy, 'SELECT * FROM "line 11_verdict" ORDER BY row_id')
     score = [None if np.isnan(one) else one for one in added['outlier_score'].tolist()]
     others = (added[name].tolist() for name in ('outlier', 'outlier_detectors'))
     outlier, detectors = others
@@ -100,7 +91,7 @@ def test_row_ids(tmp_path: Path) -> None:
         ('(x PRIMARY KEY, y) WITHOUT ROWID', 'must be readable, got "no such column: rowid"'),
     ):
         path = tmp_path / f'{len(columns_of)}.db'
-        run(path, f'CREATE TABLE t {columns_of}', 'INSERT INTO t VALUES (1, 2)')
+        run_sql(path, f'CREATE TABLE t {columns_of}', 'INSERT INTO t VALUES (1, 2)')
         with pytest.raises(CloudError, match=sentence):
             open_cloud(path)
 
@@ -108,7 +99,7 @@ def test_row_ids(tmp_path: Path) -> None:
 def test_generated_columns(tmp_path: Path) -> None:
     """A column that is computed and stored can be read; one that is only computed cannot."""
     path = tmp_path / 'made.db'
-    run(
+    run_sql(
         path,
         'CREATE TABLE t (x REAL, name AS (x + 1), y REAL, z REAL AS (x + y) STORED, note TEXT)',
         "INSERT INTO t (x, y, note) VALUES (1, 2, 'a'), (3, 4, 'b')",
@@ -120,7 +111,7 @@ def test_generated_columns(tmp_path: Path) -> None:
 def test_the_table_is_named(tmp_path: Path) -> None:
     """With several tables, one must be named, and exist."""
     path = make(tmp_path)
-    run(path, 'CREATE TABLE other (x, y)', 'INSERT INTO other VALUES (1.5, 2)')
+    run_sql(path, 'CREATE TABLE other (x, y)', 'INSERT INTO other VALUES (1.5, 2)')
     with pytest.raises(CloudError, match='must be one of line 11, other, got none'):
         open_cloud(path)
     with pytest.raises(CloudError, match="must be one of line 11, other, got 'fast'"):
@@ -132,7 +123,7 @@ def test_the_table_is_named(tmp_path: Path) -> None:
 def test_words_among_numbers(tmp_path: Path) -> None:
     """A column of numbers must be of numbers in every row."""
     path = make(tmp_path)
-    run(path, """UPDATE "line 11" SET lon = 'west' WHERE id = 7""")
+    run_sql(path, """UPDATE "line 11" SET lon = 'west' WHERE id = 7""")
     with pytest.raises(CloudError, match="column 'lon' of table 'line 11' must be of numbers, got"):
         columns(path, 'lon')
 
@@ -146,7 +137,7 @@ def test_no_database(tmp_path: Path) -> None:
     path.write_bytes(b'')
     with pytest.raises(CloudError, match=r'the table of .* must be one of none, got none'):
         open_cloud(path)
-    run(path, 'CREATE TABLE t (x, y, z)')
+    run_sql(path, 'CREATE TABLE t (x, y, z)')
     with pytest.raises(CloudError, match='must be of at least one point, got 0'):
         open_cloud(path)
 

@@ -4,7 +4,6 @@
 
 import sqlite3
 import struct
-import subprocess
 import sys
 import tracemalloc
 from collections.abc import Iterator
@@ -13,11 +12,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import laspy
 import numpy as np
 import pyarrow as pa
 import pytest
-from helpers.cloud_files import columns, copied
+from helpers.cloud_files import columns, copied, number, patch, run_sql, write_las
+from helpers.programs import ended
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
@@ -35,33 +34,13 @@ PCD = (
 
 def las(folder: Path, name: str = 'cloud.las', point_format: int = 6) -> Path:
     """Write a file of 300 points with a record before them and one behind them."""
-    header = laspy.LasHeader(point_format=point_format, version='1.4')
-    header.vlrs.append(laspy.VLR('someone', 77, 'a note', b'note'))
-    points = laspy.ScaleAwarePointRecord.zeros(COUNT, header=header)
-    points['X'], points['Y'] = range(COUNT), range(COUNT, 0, -1)
-    path = folder / name
-    with laspy.open(path, 'w', header=header) as writer:
-        writer.write_points(points)
-        writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([laspy.VLR('someone', 78, '', b'more')]))
-    return path
+    x, y = np.arange(COUNT), np.arange(COUNT, 0, -1)
+    return write_las(folder / name, COUNT, point_format, 'note', X=x, Y=y)
 
 
 def rows(count: int = COUNT) -> bytes:
     """Make rows of three numbers that are not zero."""
     return struct.pack('<3f', 1.5, 2.5, 3.5) * count
-
-
-def patch(path: Path, offset: int, data: bytes) -> Path:
-    """Overwrite some bytes of a file."""
-    whole = bytearray(path.read_bytes())
-    whole[offset : offset + len(data)] = data
-    path.write_bytes(whole)
-    return path
-
-
-def number(path: Path, offset: int, size: int) -> int:
-    """Read a number out of a file."""
-    return int.from_bytes(path.read_bytes()[offset : offset + size], 'little')
 
 
 def refused(path: Path, sentence: str = ' must be ') -> None:
@@ -104,7 +83,8 @@ def test_records_longer_than_the_file(
 ) -> None:
     """A record that ends behind the first point, or behind the file, is refused."""
     path = las(tmp_path, 'cloud.laz')
-    refused(patch(path, number(path, pointer, width) + 20, size), 'the bytes in a record of')
+    at = number(path.read_bytes(), pointer, width) + 20
+    refused(patch(path, at, size), 'the bytes in a record of')
 
 
 @pytest.mark.parametrize(
@@ -140,11 +120,11 @@ def test_what_laz_says(
 ) -> None:
     """Damaged LAZ is refused, even where the library ends its process."""
     path = las(tmp_path, 'cloud.laz', point_format)
-    begin = number(path, 96, 4)
+    begin = number(path.read_bytes(), 96, 4)
     offsets = {
         'points': begin,
-        'layers': begin + 8 + number(path, 105, 2) + 4,
-        'table': number(path, begin, 8),
+        'layers': begin + 8 + number(path.read_bytes(), 105, 2) + 4,
+        'table': number(path.read_bytes(), begin, 8),
         'record': path.read_bytes().index(b'laszip encoded') - 2 + 54,
     }
     if part != 'layers' or point_format == 6:  # the older ones have no layers
@@ -228,10 +208,7 @@ print(peak() - before)
 
 def opened(path: Path) -> str:
     """Open, read and copy a file in its own process; return its message."""
-    done = subprocess.run(
-        [sys.executable, '-c', PROGRAM, str(path)], capture_output=True, text=True, check=True
-    )
-    said, more = done.stdout.splitlines()
+    said, more = ended(sys.executable, '-c', PROGRAM, path).stdout.splitlines()
     assert int(more) < MAX_GROWTH_MB
     return said
 
@@ -307,13 +284,6 @@ def test_texts_of_a_usual_size(tmp_path: Path) -> None:
     assert parquet.read_table(copy).equals(parquet.read_table(path), check_metadata=True)
 
 
-def run(path: Path, *statements: str) -> None:
-    """Run SQL."""
-    with closing(sqlite3.connect(path)) as database, database:
-        for statement in statements:
-            database.execute(statement)
-
-
 MANY = 'WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 2000)'
 
 
@@ -331,7 +301,7 @@ MANY = 'WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i <
 def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> None:
     """Computed columns and checks cannot produce huge values."""
     path = tmp_path / 'cloud.db'
-    run(path, f'CREATE TABLE t ({table})', 'PRAGMA ignore_check_constraints = ON')
+    run_sql(path, f'CREATE TABLE t ({table})', 'PRAGMA ignore_check_constraints = ON')
     names = 'y, z' if table.startswith('x AS') else 'x, y, z'
     values = names.replace('x', '1').replace('y', '2').replace('z', '3')
     with closing(sqlite3.connect(path)) as database, database:
@@ -343,6 +313,6 @@ def test_expressions_in_a_database(tmp_path: Path, table: str, said: str) -> Non
 def test_a_virtual_table(tmp_path: Path) -> None:
     """A virtual table, whose rows a module computes, is refused."""
     path = tmp_path / 'cloud.db'
-    run(path, 'CREATE VIRTUAL TABLE t USING fts5(x, y, z)')
+    run_sql(path, 'CREATE VIRTUAL TABLE t USING fts5(x, y, z)')
     with pytest.raises(CloudError, match=r'the table of .* must be one of .*, got .*t'):
         open_cloud(path, 't')

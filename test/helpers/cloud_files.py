@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of cloud files share."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -57,3 +60,43 @@ def verdict(count: int) -> dict[str, NDArray[Any]]:
 def every_third(count: int) -> NDArray[np.bool_]:
     """Keep all but every third point."""
     return np.arange(count) % 3 > 0
+
+
+def write_las(path: Path, count: int, point_format: int = 6, record: str = '', **raw: Any) -> Path:
+    """Write LAS 1.4 of points that are 0 but for some dimensions, which are not scaled.
+
+    A ``record`` lies before the points, and one behind them.
+    """
+    header = laspy.LasHeader(point_format=point_format, version='1.4')
+    if record:
+        header.vlrs.append(laspy.VLR('someone', 77, '', record.encode()))
+    points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
+    for name, values in raw.items():
+        points[name] = values
+    with laspy.open(path, 'w', header=header) as writer:
+        writer.write_points(points)
+        if record:
+            behind = [laspy.VLR('someone', 78, '', record.encode())]
+            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(behind))
+    return path
+
+
+def patch(path: Path, offset: int, data: bytes) -> Path:
+    """Overwrite some bytes of a file."""
+    whole = bytearray(path.read_bytes())
+    whole[offset : offset + len(data)] = data
+    path.write_bytes(whole)
+    return path
+
+
+def number(data: bytes, offset: int, size: int) -> int:
+    """Read an unsigned number out of a header."""
+    return int.from_bytes(data[offset : offset + size], 'little')
+
+
+def run_sql(path: Path, *statements: str) -> list[tuple[Any, ...]]:
+    """Run SQL in a database; return what the last statement finds."""
+    with closing(sqlite3.connect(path)) as database, database:
+        for statement in statements:
+            found = database.execute(statement).fetchall()
+    return found

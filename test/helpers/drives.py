@@ -3,20 +3,17 @@
 """Small recordings for tests, how they are read back, and what is compared of their replays."""
 
 import resource
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point
-from nav_msgs.msg import Odometry
-from rclpy.serialization import serialize_message
 from rosbags.typesys import get_types_from_msg
 
 from helpers.clouds import SECOND, STORE, cloud, to_bytes
 from lidar_outlier_filter.core.annotations import Rows
-from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
 
 PERIOD = SECOND // 10  # between two clouds
@@ -61,51 +58,27 @@ def rows_of_turn(number: int, points: int = 120) -> Rows:
     return rows
 
 
-def cloud_bytes(rows: Rows, stamp: int, columns: tuple[str, ...] = ROW.names or ()) -> bytes:
-    """Serialize rows as a cloud, with some of their columns."""
-    kept = np.empty(len(rows), [(name, ROW[name]) for name in columns])
-    for name in columns:
-        kept[name] = rows[name]
-    return to_bytes(cloud(kept, stamp))
-
-
-def pose_bytes(stamp: int, x: float) -> bytes:
-    """Serialize an odometry at ``x``, metres, on a straight way."""
-    msg = Odometry(child_frame_id='base')
-    msg.header.frame_id = 'odom'
-    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, SECOND)
-    msg.pose.pose.position = Point(x=x)
-    return bytes(serialize_message(msg))
-
-
-def write_drive(  # noqa: PLR0913  what may differ
-    path: Path,
-    clouds: int = 30,
-    lidars: tuple[str, ...] = ('/lidar',),
-    stamp_of: Callable[[int], int] = lambda number: BEGIN + number * PERIOD,
-    columns: tuple[str, ...] = ROW.names or (),
-    seed: int = 0,
-    points: int = 120,
+def write_messages(
+    path: Path, topics: Mapping[str, str], messages: Iterable[tuple[str, int, bytes]]
 ) -> Path:
-    """Write a recording of turns, 10 in a second, with an odometry every 50 ms.
-
-    ``stamp_of`` gives the stamp of each turn, ns; bag times go on evenly all the same.
-    """
-    names = [topic_of(name, CLOUD) for name in lidars]
-    odometry = topic_of('/odometry', ODOMETRY)
+    """Write a recording of topics, each of a type: topic, bag time and bytes of each message."""
+    known = {name: topic_of(name, msgtype) for name, msgtype in topics.items()}
     with NewBag(path) as bag:
-        for topic in (*names, odometry):
+        for topic in known.values():
             bag.add(topic)
-        for number in range(clouds):
-            arrived = BEGIN + (number + 1) * PERIOD
-            for step in (0, 1):
-                at = BEGIN + number * PERIOD + step * PERIOD // 2
-                bag.write(odometry, at, pose_bytes(at, (2 * number + step) * 0.01))
-            for series, topic in enumerate(names):
-                rows = rows_of_turn(seed + 1000 * series + number, points)
-                bag.write(topic, arrived, cloud_bytes(rows, stamp_of(number), columns))
-        bag.write(odometry, arrived, pose_bytes(arrived, 2 * clouds * 0.01))
+        for name, time, data in messages:
+            bag.write(known[name], time, data)
     return path
+
+
+def write_drive(path: Path, clouds: int = 30, seed: int = 0, points: int = 120) -> Path:
+    """Write a recording of turns, 10 in a second, and of a text before each."""
+    messages: list[tuple[str, int, bytes]] = []
+    for number in range(clouds):
+        begin = BEGIN + number * PERIOD
+        turn = to_bytes(cloud(rows_of_turn(seed + number, points), begin))
+        messages += [('/text', begin, cdr(STRING, 'turn')), ('/lidar', begin + PERIOD, turn)]
+    return write_messages(path, {'/lidar': CLOUD, '/text': STRING}, messages)
 
 
 def faults_of_a_cloud() -> int:

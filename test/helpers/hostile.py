@@ -9,7 +9,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import laspy
 import lzf
 import numpy as np
 import pyarrow as pa
@@ -17,6 +16,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from rosbags.typesys import Stores, get_typestore
 
+from helpers.cloud_files import write_las
 from helpers.e57_files import write_e57
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
@@ -178,13 +178,8 @@ def whole_file(kind: str, path: Path) -> None:
     rows = np.random.default_rng(1).normal(size=(COUNT, 3)).astype(np.float32)
     text = '\n'.join(' '.join(map(str, row)) for row in rows.tolist()).encode() + b'\n'
     if name in {'las', 'laz'}:
-        header = laspy.LasHeader(point_format=6, version='1.4')
-        header.vlrs.append(laspy.VLR('someone', 77, 'a note', b'note'))
-        made = laspy.ScaleAwarePointRecord.zeros(COUNT, header=header)
-        made['X'], made['Y'], made['Z'] = (rows * 1000).T
-        with laspy.open(path, 'w', header=header) as writer:
-            writer.write_points(made)
-            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([laspy.VLR('someone', 78, '', b'more')]))
+        x, y, z = (rows * 1000).T
+        write_las(path, COUNT, record='note', X=x, Y=y, Z=z)
     elif name == 'pcd':
         head = f'FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {COUNT}\nHEIGHT 1\n'
         body = text if form == 'ascii' else rows.tobytes()

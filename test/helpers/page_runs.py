@@ -18,13 +18,13 @@ import laspy
 import numpy as np
 
 from helpers import ROOT
-from helpers.clouds import NAME, STAMP, STORE, cloud, table, to_rosbags
-from helpers.drives import topic_of
+from helpers.clouds import NAME, STAMP, STORE, cloud, table, to_bytes
+from helpers.drives import topic_of, write_messages
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     Stage = Callable[[Path, Path], object]  # where the data are, and what is to be made
 
@@ -174,20 +174,10 @@ def absolute(topic: str, unit: int, line: str) -> Stage:
 
     def make(_data: Path, path: Path) -> None:
         stamps = (STAMP, STAMP + PERIOD)
-        write_clouds(path, topic, [_hall(stamp, unit, line) for stamp in stamps])
+        sent = [(topic, at, to_bytes(cloud(_hall(at, unit, line), at))) for at in stamps]
+        write_messages(path, {topic: NAME}, sent)
 
     return make
-
-
-def write_clouds(path: Path, topic: str, clouds: Sequence[Any]) -> None:
-    """Record points, a message every 0.1 s."""
-    new = topic_of(topic, NAME)
-    with NewBag(path) as bag:
-        bag.add(new)
-        for number, rows in enumerate(clouds):
-            stamp = STAMP + number * PERIOD
-            message = to_rosbags(cloud(rows, stamp))
-            bag.write(new, stamp, bytes(STORE.serialize_cdr(message, NAME)))
 
 
 def _hall(stamp: int, unit: int, line: str) -> Any:

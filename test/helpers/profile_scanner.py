@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import SECOND, STAMP, cloud
-from helpers.drives import topic_of
+from helpers.drives import write_messages
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.messages.cloud import structured
@@ -22,7 +22,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import Odometry as OdometryMotion
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
-from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.tuning.training import Training, read_training
 
 MAP = np.array([4e5, 5e6, 100.0])  # where the street is
@@ -176,19 +175,14 @@ def write(
     clouds = [(SECOND // 10, msg) for msg in drive.clouds(drive.own)]
     clouds += [(60 * SECOND, msg) for msg in late]
     odometry = [(3 * SECOND // 100, msg) for msg in drive.odometry()]
-    streams = [(topic_of(name, CLOUD), clouds) for name in topics]
-    streams.append((topic_of('/odom', ODOMETRY), odometry))
+    streams = [(name, clouds) for name in topics] + [('/odom', odometry)]
     events = [
-        (nanoseconds(msg) + delay, topic, msg)
-        for topic, messages in streams
+        (name, nanoseconds(msg) + delay, bytes(serialize_message(msg)))
+        for name, messages in streams
         for delay, msg in messages
     ]
-    with NewBag(path) as bag:
-        for topic, _ in streams:
-            bag.add(topic)
-        for time, topic, msg in sorted(events, key=lambda event: event[0]):
-            bag.write(topic, time, bytes(serialize_message(msg)))
-    return path
+    types = dict.fromkeys(topics, CLOUD) | {'/odom': ODOMETRY}
+    return write_messages(path, types, sorted(events, key=lambda event: event[1]))
 
 
 class Recorded:

@@ -19,6 +19,21 @@ from typing import Self
 TIMEOUT = 540.0
 
 
+def ended(
+    *command: object, folder: Path | None = None, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end; return its status, and what it says."""
+    return subprocess.run(
+        [*map(str, command)],
+        cwd=folder,
+        env={**os.environ, **(env or {})},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT,
+    )
+
+
 class Program:
     """A process that a test started: its lines are awaited, and it does not outlive the test."""
 

@@ -13,9 +13,8 @@ from sensor_msgs.msg import PointCloud2
 
 from helpers.clouds import cloud as cloud_of
 from helpers.clouds import point_bytes
-from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, topic_of
+from helpers.drives import DOOR, PERIOD, ROW, STRING, cdr, write_messages
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import NewBag
 
 Content = dict[str, list[tuple[int, bytes]]]
 
@@ -46,18 +45,13 @@ def cloud(index: int, points: int = 200) -> Any:
 
 def write_drive(path: Path, clouds: Iterable[Any], lidars: Iterable[str] = ('/lidar',)) -> Path:
     """Write clouds of some lidars, a text before each, an own type and a silent topic."""
-    points = [topic_of(name, CLOUD) for name in lidars]
-    text, door, silent = topic_of('/text', STRING), topic_of('/door', DOOR), topic_of('/s', STRING)
-    with NewBag(path) as bag:
-        for topic in (*points, text, door, silent):
-            bag.add(topic)
-        bag.write(door, 0, cdr(DOOR, 'front', 0.5))
-        for index, msg in enumerate(clouds):
-            bag.write(text, index * PERIOD, cdr(STRING, f'cloud {index}'))
-            for topic in points:
-                data = msg if isinstance(msg, bytes) else serialize_message(msg)
-                bag.write(topic, index * PERIOD, data)
-    return path
+    topics = dict.fromkeys(lidars, CLOUD) | {'/text': STRING, '/door': DOOR, '/s': STRING}
+    messages = [('/door', 0, cdr(DOOR, 'front', 0.5))]
+    for index, msg in enumerate(clouds):
+        time, data = index * PERIOD, msg if isinstance(msg, bytes) else serialize_message(msg)
+        messages.append(('/text', time, cdr(STRING, f'cloud {index}')))
+        messages += [(name, time, data) for name in lidars]
+    return write_messages(path, topics, messages)
 
 
 def is_part(part: list[bytes], whole: list[bytes]) -> bool:

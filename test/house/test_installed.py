@@ -5,6 +5,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.cloud_files import columns
 from helpers.detectors import BITS
 from helpers.drives import ROW
@@ -29,23 +31,25 @@ from helpers.live import (
     next_status,
     publisher,
 )
-from helpers.programs import Program
+from helpers.programs import Program, ended
 from helpers.replays import cloud as recorded
-from helpers.strangers import install, write_installed
 from helpers.watching import RELIABLE
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.builtin import BUILTIN
-from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.declaration import Detector, resolve
 from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins, entry_points
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import Installed, Section, declare
-from lidar_outlier_filter.parameters.filter import installed
+from lidar_outlier_filter.parameters.declaration import Installed, Section, declare, walk
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe, installed
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.report.page import colour
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128
@@ -56,6 +60,34 @@ BROKEN = (
     "got ModuleNotFoundError: No module named 'nothing_of_this_name'"
 )
 SET = ('--set', 'chain=[isolated]', '--set', f'isolated.limit={LIMIT}')
+
+
+def write_installed(folder: Path, name: str, code: str) -> dict[str, str]:
+    """Write a module with a ``DETECTOR`` as if it had been installed; return what finds it."""
+    about = folder / f'{name}-1.0.dist-info'
+    about.mkdir(parents=True)
+    (folder / f'{name}.py').write_text(code, 'utf-8')
+    (about / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n', 'utf-8')
+    entry = f'[lidar_outlier_filter.detectors]\n{name} = {name}:DETECTOR\n'
+    (about / 'entry_points.txt').write_text(entry, 'utf-8')
+    return _found_in(folder)
+
+
+def install(folder: Path) -> dict[str, str]:
+    """Install the example into a folder; return what finds it there: the environment.
+
+    The source is copied, as building writes beside it.
+    """
+    copy = Path(shutil.copytree(ROOT / 'doc/examples/new_detector', folder / 'source'))
+    target = folder / 'installed'
+    words = ['--quiet', '--no-deps', '--no-build-isolation', '--no-index', '--target', str(target)]
+    subprocess.run([sys.executable, '-m', 'pip', 'install', *words, str(copy)], check=True)
+    return _found_in(target)
+
+
+def _found_in(folder: Path) -> dict[str, str]:
+    paths = [str(folder), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {'PYTHONPATH': os.pathsep.join(paths)}
 
 
 @pytest.fixture(scope='module')
@@ -75,10 +107,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(env: dict[str, str], *words: str | Path) -> str:
     """Run a command, as one who has installed the detector does; return what it says."""
-    command = [*COMMAND, *map(str, words)]
-    done = subprocess.run(
-        command, env={**os.environ, **env}, check=False, capture_output=True, text=True
-    )
+    done = ended(*COMMAND, *words, env=env)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -185,8 +214,8 @@ def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
 
 def test_a_node_names_what_is_refused(tmp_path: Path) -> None:
     """Once in its log, and in each status of its diagnostics."""
-    stranger = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
-    env = environment() | stranger
+    env = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
+    env |= environment()
     node_words = ('-P', '-m', 'lidar_outlier_filter.cli.node')
     with diagnoser(env) as diagnosing, Program(*node_words, env=env) as node:
         status = next_status(diagnosing)
@@ -333,36 +362,22 @@ def test_an_entry_point_has_the_name_of_its_detector(monkeypatch: pytest.MonkeyP
 
 
 def test_a_distribution_without_a_name(tmp_path: Path) -> None:
-    """Its detectors are found, and refused as any other's."""
-    env = write_installed(tmp_path, 'broken', 'raise SystemExit(0)')
+    """Its detectors are found all the same."""
+    write_installed(tmp_path, 'broken', 'raise SystemExit(0)')
     twice = [PathDistribution(tmp_path / 'broken-1.0.dist-info')] * 2
     assert [name for name, _ in entry_points(twice)] == ['broken']
     (tmp_path / 'broken-1.0.dist-info/METADATA').write_text('Metadata-Version: 2.1\n')
     assert [name for name, _ in entry_points(twice)] == ['', '']
-    run(env, 'clean', '--help')
-    done = subprocess.run(
-        [*COMMAND, 'clean', 'a.csv', '--chain', 'broken'],
-        env={**os.environ, **env},
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 1
-    assert 'the detector broken of' in done.stderr
-    assert 'SystemExit' in done.stderr
-    assert 'Traceback' not in done.stderr
 
 
 def test_a_refused_one_costs_nothing_else(tmp_path: Path) -> None:
     """Its sentence names its distribution, and is said where it is asked for."""
-    stranger = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
-    env = {**os.environ, **stranger}
+    env = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
     path = tmp_path / 'cloud.csv'
     np.savetxt(path, scattered(), '%.17g', ',', header='x,y,z', comments='')
     run(env, 'clean', path, '--chain', 'sor')
     for words in (('--chain', 'broken'), ('--chain', 'sor', '--set', 'broken.limit=1')):
-        command = [*COMMAND, 'clean', str(path), *words]
-        done = subprocess.run(command, env=env, check=False, capture_output=True, text=True)
+        done = ended(*COMMAND, 'clean', path, *words, env=env)
         assert done.returncode == 1
         assert done.stderr == BROKEN + '\n'
 
@@ -371,3 +386,20 @@ def test_only_the_packages_own_are_here() -> None:
     """In this environment nobody else has installed one."""
     assert set(installed().detectors) == set(BITS)
     assert installed().refused == {}
+
+
+def test_declarations_agree_with_the_parameters() -> None:
+    """Names, sections, thresholds and searches of all detectors are those of the parameters."""
+    assert tuple(DETECTORS) == describe()[1].choices
+    names = {item.name for item in describe()}
+    for name, detector in DETECTORS.items():
+        assert detector.name == name
+        assert {item.name for item in walk(detector.section, f'{name}.')} <= names
+        assert FilterParameters().of(detector.section) == detector.section()
+        swept = threshold(detector, FilterParameters())
+        assert swept is not None
+        assert swept.name in names
+        assert f'| `{name}` | {detector.bit} | {detector.rejects} |' in table()
+        assert callable(resolve(detector.score))
+    colours = {colour(name, bit) for name, bit in [*BITS.items(), ('another', BIT)]}
+    assert len(colours) == len(BITS) + 1

@@ -337,9 +337,6 @@ def test_clock_is_set(way: str, shift: int) -> None:
     assert clean.statistics.resets == int(shift < 0)
 
 
-# Refuse, don't repair ---------------------------------------------------------------------------
-
-
 # Statistics and changes -------------------------------------------------------------------------
 
 

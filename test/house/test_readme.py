@@ -5,6 +5,7 @@
 import argparse
 import ast
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from helpers import ROOT
 from helpers.detectors import BITS
 
 from lidar_outlier_filter.cli.main import commands_for
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
 
@@ -167,3 +169,15 @@ def test_every_family_has_a_page() -> None:
         values = read_yaml(ROOT / 'config' / f'{family}.yaml')
         for field in {'time_field', 'line_field'} & {*values}:
             assert f'`{values[field]}`' in page
+
+
+def test_contributing_quotes_the_example() -> None:
+    """CONTRIBUTING shows the example as it is, and names every field of a declaration."""
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    example = ROOT / 'doc/examples/new_detector'
+    code = (example / 'isolated.py').read_text(encoding='utf-8').split('\n', 2)[2]
+    assert f'```python\n{code}```\n' in text
+    project = (example / 'pyproject.toml').read_text(encoding='utf-8')
+    assert f'```toml\n{project}```\n' in text
+    for item in fields(Detector):
+        assert f'| `{item.name}` |' in text

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The size of the project stays within its limits."""
 
-import subprocess
 import sys
 
 from helpers import ROOT
+from helpers.programs import ended
 
 
 def test_size() -> None:
     """No figure of ``scripts/size`` exceeds its limit."""
-    command = [sys.executable, str(ROOT / 'scripts/size')]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = ended(sys.executable, ROOT / 'scripts/size')
     assert done.returncode == 0, done.stdout + done.stderr

@@ -27,7 +27,6 @@ from lidar_outlier_filter.parameters.yaml_files import (
     NODE_NAME,
     parse,
     read_yaml,
-    table,
     write_yaml,
 )
 from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
@@ -43,7 +42,7 @@ EACH = pytest.mark.parametrize('parameter', describe(), ids=lambda parameter: pa
 
 @EACH
 def test_every_parameter_is_described(parameter: Parameter) -> None:
-    """A parameter has a sentence and a range, and is in the table and in the file."""
+    """A parameter has a sentence and a range, and is in the file."""
     assert re.fullmatch(r'[A-Z\x27a-z0-9].*\.', parameter.text)
     # This reads as if something were cut off behind the name of a choice.
     assert not parameter.text.endswith(tuple(f', else {choice}.' for choice in parameter.choices))
@@ -53,9 +52,6 @@ def test_every_parameter_is_described(parameter: Parameter) -> None:
     if isinstance(parameter.default, int | float) and not isinstance(parameter.default, bool):
         assert parameter.low is not None
         assert parameter.high is not None
-    row = next(row for row in table().splitlines() if row.startswith(f'| `{parameter.name}`'))
-    assert parameter.range_text in row
-    assert parameter.text in row
     assert parameter.text in write_yaml()
     assert DEFAULT.flat()[parameter.name] == parameter.default
     assert re.fullmatch(r'([a-z_]+\.)?[a-z_]+', parameter.name)
@@ -196,15 +192,6 @@ def test_files(file: Path) -> None:
     assert len(reasons) >= 2
 
 
-def test_files_of_families() -> None:
-    """There is a file for each sensor family, and none that only repeats defaults."""
-    families = ('velodyne', 'ouster', 'hesai', 'robosense', 'livox', 'autoware', 'profile_scanner')
-    for family in families:
-        values = read_yaml(CONFIG / f'{family}.yaml')
-        assert DEFAULT.changed(values) != DEFAULT
-        assert len(values) < 8
-
-
 @pytest.mark.parametrize(
     ('name', 'values'),
     [
@@ -316,15 +303,16 @@ HOSTILE = {
     'deep lines': ''.join(' ' * i + 'a:\n' for i in range(1000)),
     'digits': f'{HEAD}    sor:\n      k: ' + '9' * 5000,
     'no text': '\0',
-    'tag': '!!python/object/apply:os.getcwd []',
+    'tag': '!!python/object/apply:os.mkdir [made]',
     'a list as key': '[1]: 2',
     'long': '#' * (LARGEST_FILE + 1),
 }
 
 
 @pytest.mark.parametrize('name', HOSTILE)
-def test_hostile_files(tmp_path: Path, name: str) -> None:
-    """A parameter file of any kind is refused in one sentence, soon."""
+def test_hostile_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """A parameter file of any kind is refused in one sentence, soon; nothing of it is run."""
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / 'parameters.yaml'
     path.write_text(HOSTILE[name])
     begin = process_time()
@@ -334,6 +322,7 @@ def test_hostile_files(tmp_path: Path, name: str) -> None:
     assert str(caught.value).startswith(f'{path} must be ')
     assert '\n' not in str(caught.value)
     assert len(str(caught.value)) < 1000
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
@@ -349,9 +338,10 @@ def test_unreadable_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize('value', ['[' + 'x, ' * 4000 + ']', 'x' * 900_000])
 def test_long_values_are_shown_short(value: str) -> None:
     """The sentence is one to read, however long the value is."""
+    parsed = parse(value)
     for name in ('chain', 'sor.k', 'load.policy'):
         with pytest.raises(ParameterError) as caught:
-            FilterParameters().changed({name: parse(value)})
+            FilterParameters().changed({name: parsed})
         assert len(str(caught.value)) < 1000
 
 

@@ -3,12 +3,15 @@
 """Recordings: nothing of the input is lost or changed, and no half output is left."""
 
 import sqlite3
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from helpers.clouds import NAME as CLOUD
+from helpers.clouds import STORE as JAZZY
+from helpers.drives import STRING, cdr, topic_of
 from mcap.reader import SeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -28,9 +31,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
 
-JAZZY = get_typestore(Stores.ROS2_JAZZY)
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-STRING = 'std_msgs/msg/String'
 CAMERA = 'sensor_msgs/msg/CameraInfo'
 OLD_TF = 'tf/msg/tfMessage'
 DOOR = 'shop_msgs/msg/Door'
@@ -49,8 +49,7 @@ BEST_EFFORT = Qos(
 
 def known(name: str, msgtype: str, *qos: Qos) -> Topic:
     """Describe a topic of a type that ROS 2 Jazzy knows."""
-    definition = JAZZY.generate_msgdef(msgtype, ros_version=2)[0]
-    return Topic(name, msgtype, definition, JAZZY.hash_rihs01(msgtype), qos)
+    return replace(topic_of(name, msgtype), qos=qos)
 
 
 TOPICS = (
@@ -66,7 +65,7 @@ MESSAGES = [(0, 30), (1, 30), (1, 10), (1, 10), (3, 10), (0, 20), (3, 40), (0, 4
 
 def text(words: str) -> bytes:
     """Make the CDR bytes of a text."""
-    return JAZZY.serialize_cdr(JAZZY.types[STRING](words), STRING).tobytes()
+    return cdr(STRING, words)
 
 
 def write_bag(path: Path, plugin: StoragePlugin) -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.clouds import cloud
-from helpers.drives import topic_of
+from helpers.drives import write_messages
 from helpers.own_vehicle import stamp, turn
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingEr
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
-from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.own_vehicle import learn_mask
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -28,23 +28,20 @@ TURNS = 14
 
 def record(path: Path, *, moves: bool = True, metres: float | None = None, parts: int = 1) -> Path:
     """Record turns, each cut into messages; with ``metres`` a turn, odometry too."""
-    with NewBag(path) as bag:
-        lidar, odometry = topic_of('/lidar', CLOUD), topic_of('/odom', ODOMETRY)
-        bag.add(lidar)
+    messages: list[tuple[str, int, bytes]] = []
+    for number in range(TURNS + 1):
+        time = stamp(number)
         if metres is not None:
-            bag.add(odometry)
-        for number in range(TURNS + 1):
-            time = stamp(number)
-            if metres is not None:
-                pose = Odometry()
-                pose.header.stamp.sec, pose.header.stamp.nanosec = divmod(time, 10**9)
-                pose.pose.pose.position.x = metres * number
-                pose.pose.pose.orientation.w = 1.0
-                bag.write(odometry, time, bytes(serialize_message(pose)))
-            rows = turn(number, place=None if moves else 0)
-            for some in np.array_split(rows, parts) if number < TURNS else ():
-                bag.write(lidar, time, bytes(serialize_message(cloud(some, time))))
-    return path
+            pose = Odometry()
+            pose.header.stamp.sec, pose.header.stamp.nanosec = divmod(time, 10**9)
+            pose.pose.pose.position.x = metres * number
+            pose.pose.pose.orientation.w = 1.0
+            messages.append(('/odom', time, serialize_message(pose)))
+        rows = turn(number, place=None if moves else 0)
+        cuts = np.array_split(rows, parts) if number < TURNS else ()
+        messages += [('/lidar', time, serialize_message(cloud(some, time))) for some in cuts]
+    odometry = {} if metres is None else {'/odom': ODOMETRY}
+    return write_messages(path, {'/lidar': CLOUD, **odometry}, messages)
 
 
 @pytest.mark.parametrize(('metres', 'parts'), [(None, 1), (1.2, 1), (None, 5)])
@@ -105,11 +102,7 @@ def test_command_and_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_one_mask_for_several_topics_is_refused(tmp_path: Path) -> None:
     """Each sensor sees the vehicle from elsewhere."""
-    path = tmp_path / 'two'
-    with NewBag(path) as bag:
-        for name in ('/left', '/right'):
-            topic = topic_of(name, CLOUD)
-            bag.add(topic)
-            bag.write(topic, stamp(0), bytes(serialize_message(cloud(turn(0)))))
+    messages = [(name, stamp(0), serialize_message(cloud(turn(0)))) for name in ('/left', '/right')]
+    write_messages(tmp_path / 'two', dict.fromkeys(('/left', '/right'), CLOUD), messages)
     with pytest.raises(ParameterError, match="mask must be 'off' for several topics"):
-        replay(path, tmp_path / 'out', parameters={'mask': 'car.csv'})
+        replay(tmp_path / 'two', tmp_path / 'out', parameters={'mask': 'car.csv'})

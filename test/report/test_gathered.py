@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
+from helpers.clouds import cloud, to_bytes
+from helpers.drives import BEGIN, FAST, PERIOD, rows_of_turn, write_messages
 from helpers.profile_scanner import REPLAYED, Recorded, WithoutFirstPoses
 from helpers.report_pages import positions, read_message
 from matplotlib import colormaps
@@ -31,7 +32,6 @@ from lidar_outlier_filter.files.points import INTENSITIES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.recordings.info import describe_recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
@@ -213,12 +213,10 @@ def test_gaps_and_refused_clouds(tmp_path: Path) -> None:
     """The page, ``info`` and the archive agree where clouds are missing; refused ones are not."""
     hundredths = [10, 10, 10, 17, 10, 20, 21, 10, 10, 10, 45, 10]
     times = [BEGIN + step * PERIOD // 10 for step in accumulate(hundredths, initial=0)]
-    clouds = [cloud_bytes(rows_of_turn(number), time) for number, time in enumerate(times)]
+    clouds = [to_bytes(cloud(rows_of_turn(number), time)) for number, time in enumerate(times)]
     clouds[8] = b'broken'
-    with NewBag(tmp_path / 'drive') as bag:
-        bag.add(topic := topic_of('/lidar', CLOUD))
-        for time, data in zip(times, clouds, strict=True):
-            bag.write(topic, time, data)
+    messages = [('/lidar', time, data) for time, data in zip(times, clouds, strict=True)]
+    write_messages(tmp_path / 'drive', {'/lidar': CLOUD}, messages)
     source = RecordedSource(tmp_path / 'drive', FilterParameters().changed(FAST))
     known = gather(source, ALL_BUT_0, MAX_POINTS)
     shown = header(known)
