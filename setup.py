@@ -143,7 +143,7 @@ setup(
         's3': ['s3fs>=2024.3'],
         'completion': ['argcomplete>=3.1'],  # of the command line, in bash, zsh and fish
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
-        'bench': ['open3d>=0.18', 'scikit-learn>=1.5'],
+        'bench': ['open3d>=0.18', 'scikit-learn>=1.5', 'small-gicp>=1.0'],
         'test': [
             'argcomplete>=3.1',
             'catkin-pkg>=1.0',

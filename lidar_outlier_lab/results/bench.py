@@ -48,7 +48,7 @@ SLOW = 8  # part of the cloud that slow peers get
 COPIED = 48  # bytes of a point, as Ouster's: nothing that touches a cloud is faster than its copy
 COMMAND = 'lidar-outlier-filter bench --write doc/results/speed.md'
 MAX_CORES = 2
-PEERS = ('open3d', 'sklearn')
+PEERS = ('open3d', 'small_gicp', 'sklearn')
 # What is not compared here, and why.
 OTHERS = ('3D-OutDet: [real snow](../real_snow.md) has its speed on a processor',)
 
@@ -137,6 +137,10 @@ def peer_works(xyz: Floats, native: NativePeers | None) -> list[Work]:
         remove = peers.open3d_cloud(xyz).remove_statistical_outlier
         name, call = f'Open3D: {sor_name}', partial(remove, NEIGHBOURS, MULTIPLIER)
         works.append(Work(name, len(xyz), call))
+    if find_spec('small_gicp') is not None:
+        call = partial(peers.small_gicp_sor, xyz, NEIGHBOURS, MULTIPLIER)
+        same(f'small_gicp: {sor_name}', call(), peers.sor(xyz, NEIGHBOURS, MULTIPLIER))
+        works.append(Work(f'small_gicp: {sor_name}', len(xyz), call))
     call = partial(peers.sor, some, NEIGHBOURS, MULTIPLIER)
     works.append(Work(f'SciPy: {sor_name}', len(some), call))
     if native and native.has_pcl:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.annotations import Bools, Floats
+from lidar_outlier_filter.core.kernels.threads import cores
 
 
 def has_open3d() -> bool:
@@ -42,7 +43,18 @@ def distances(xyz: Floats, count: int, workers: int = 1) -> Floats:
 
 def sor(xyz: Floats, count: int, deviations: float) -> Bools:
     """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
-    mean = distances(xyz, count - 1, workers=-1).mean(axis=1)
+    return _far(distances(xyz, count - 1, workers=-1), deviations)
+
+
+def small_gicp_sor(xyz: Floats, count: int, deviations: float) -> Bools:
+    """Return the same by the kd-tree of small_gicp."""
+    tree = import_module('small_gicp').KdTree(xyz, cores())
+    _, squared = tree.batch_knn_search(xyz, count, cores())
+    return _far(np.sqrt(squared)[:, 1:], deviations)
+
+
+def _far(others: Floats, deviations: float) -> Bools:
+    mean = others.mean(axis=1)
     return mean > mean.mean() + deviations * mean.std(ddof=1)
 
 

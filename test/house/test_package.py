@@ -59,6 +59,7 @@ EXTRAS = {
     'pyarrow': 'parquet',
     'pye57': 'e57',
     'pyproj': 'files',
+    'small_gicp': 'bench',
 }
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}

@@ -56,7 +56,10 @@ OUTSIDE = {
     'cli': ('argcomplete', 'numpy', 'rich', 'yaml'),
     'lab.simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
     'lab.training': ('numpy', 'rosbags', 'yaml', 'scipy', 'sklearn'),
-    'lab.results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
+    'lab.results': (
+        *('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
+        'small_gicp',
+    ),
     'lab.cli': ('numpy', 'rich'),
 }
 
