@@ -61,7 +61,7 @@ def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) 
         )
         watch.stop()
         print(watch.log())
-    return [f'{at - watch.began:.1f}' for at in (subscribed, diagnosed, first)]
+    return [f'{at - watch.began:.1f}' for at in (subscribed, diagnosed, filtered)]
 
 
 def _switch(watch: Watch, chain: str) -> None:
