@@ -12,17 +12,8 @@ import pytest
 from pyarrow import csv, parquet
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.evaluation import labels
 from lidar_outlier_filter.evaluation.judged import read_files
-from lidar_outlier_filter.evaluation.labels import (
-    ALL_BUT_0,
-    USUAL_CODES,
-    Codes,
-    by_number,
-    is_recording,
-    parse_codes,
-    read_codes,
-    read_column,
-)
 
 CODE = np.array([0, 7, 1, 18, 7, 65])
 SCORE = np.array([0.5, 3.0, 1.0, np.nan, 1.0000001, 0.25])
@@ -54,28 +45,28 @@ def test_formats(tmp_path: Path) -> None:
     """Labels and scores of every format; an empty cell of a table is an untested point."""
     kitti = tmp_path / '000000.label'  # the instance is in the upper 16 bits
     np.array([0, 1, 40, 1 | (77 << 16), 40 | (65535 << 16)], '<u4').tofile(kitti)
-    np.testing.assert_array_equal(read_codes(kitti), [0, 1, 40, 1, 40])
+    np.testing.assert_array_equal(labels.read_codes(kitti), [0, 1, 40, 1, 40])
     np.save(tmp_path / 'a.npy', CODE.astype(np.float32))
-    np.testing.assert_array_equal(read_codes(tmp_path / 'a.npy'), CODE)
+    np.testing.assert_array_equal(labels.read_codes(tmp_path / 'a.npy'), CODE)
     path = las(tmp_path / 'a.laz', CODE, truth=np.arange(6).astype(np.uint8))
-    np.testing.assert_array_equal(read_codes(path), CODE)
-    np.testing.assert_array_equal(read_codes(path, 'truth'), np.arange(6))
+    np.testing.assert_array_equal(labels.read_codes(path), CODE)
+    np.testing.assert_array_equal(labels.read_codes(path, 'truth'), np.arange(6))
     scores = pa.array([None if np.isnan(score) else score for score in SCORE])
     for suffix in ('csv', 'parquet'):
         path = table(tmp_path / f'a.{suffix}', x=np.zeros(6), label=CODE, score=scores)
-        np.testing.assert_array_equal(read_codes(path), CODE)
-        np.testing.assert_array_equal(read_column(path, 'score'), SCORE)
+        np.testing.assert_array_equal(labels.read_codes(path), CODE)
+        np.testing.assert_array_equal(labels.read_column(path, 'score'), SCORE)
 
 
 @pytest.mark.parametrize(
     ('codes', 'bad', 'counted'),
     [
-        (ALL_BUT_0, [0, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]),
-        (USUAL_CODES['.laz'], [0, 1, 0, 1, 1, 0], [1, 1, 1, 1, 1, 1]),
-        (USUAL_CODES['.label'], [0, 0, 1, 0, 0, 0], [0, 1, 1, 1, 1, 1]),
+        (labels.ALL_BUT_0, [0, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]),
+        (labels.USUAL_CODES['.laz'], [0, 1, 0, 1, 1, 0], [1, 1, 1, 1, 1, 1]),
+        (labels.USUAL_CODES['.label'], [0, 0, 1, 0, 0, 0], [0, 1, 1, 1, 1, 1]),
     ],
 )
-def test_usual_codes(codes: Codes, bad: list[int], counted: list[int]) -> None:
+def test_usual_codes(codes: labels.Codes, bad: list[int], counted: list[int]) -> None:
     """All but 0; low and high noise of LAS; class 1 of SemanticKITTI, where 0 does not count."""
     np.testing.assert_array_equal(codes.bad(CODE), bad)
     np.testing.assert_array_equal(codes.counted(CODE), counted)
@@ -83,19 +74,19 @@ def test_usual_codes(codes: Codes, bad: list[int], counted: list[int]) -> None:
 
 def test_parsed_codes() -> None:
     """Single codes and ranges, both ends included; anything else is refused with an example."""
-    assert parse_codes('7,18') == {7, 18}
-    assert parse_codes('1-3, 110,0-0') == {0, 1, 2, 3, 110}
+    assert labels.parse_codes('7,18') == {7, 18}
+    assert labels.parse_codes('1-3, 110,0-0') == {0, 1, 2, 3, 110}
     for text in ('', 'x', '3-1', '1-', '-1', '70000', '1.5', '1,,2', '²'):
         with pytest.raises(FilterError, match=r"numbers up to 65535 as in '7,18' or '1-5', got"):
-            parse_codes(text)
+            labels.parse_codes(text)
 
 
 def test_recordings_are_told_from_files(tmp_path: Path) -> None:
     """A folder and what bags are called; anything else has a value for each point."""
-    assert is_recording(tmp_path)
-    assert all(is_recording(tmp_path / name) for name in ('a', 'a.mcap', 'a.db3', 'A.BAG'))
+    assert labels.is_recording(tmp_path)
+    assert all(labels.is_recording(tmp_path / name) for name in ('a', 'a.mcap', 'a.db3', 'A.BAG'))
     names = ('a.npy', 'a.laz', 'a.csv', 'a.label', 'a.db')
-    assert not any(is_recording(tmp_path / name) for name in names)
+    assert not any(labels.is_recording(tmp_path / name) for name in names)
 
 
 def test_refused_files(tmp_path: Path) -> None:
@@ -121,7 +112,7 @@ def test_refused_files(tmp_path: Path) -> None:
         ('a.odt', r'the file .*a\.odt must be one of \.las'),
     ):
         with pytest.raises(FilterError, match=match) as caught:
-            read_codes(tmp_path / name, 'code')
+            labels.read_codes(tmp_path / name, 'code')
         assert '\n' not in str(caught.value)
 
 
@@ -133,7 +124,7 @@ def test_scores_and_labels(tmp_path: Path) -> None:
     np.save(tmp_path / 'score.npy', SCORE)
     np.save(tmp_path / 'code.npy', CODE)
     pair = (tmp_path / 'score.npy', tmp_path / 'code.npy')
-    points = read_files(*pair, Codes(frozenset({7, 18})))
+    points = read_files(*pair, labels.Codes(frozenset({7, 18})))
     np.testing.assert_array_equal(points.rejected, [0, 1, 0, 0, 1, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 1, 0])
     np.testing.assert_array_equal(points.index, np.arange(6))
@@ -145,7 +136,7 @@ def test_what_clean_wrote_in_las(tmp_path: Path) -> None:
     """Rejected are the classes 7 and 18, the truth are those of the file before it was cleaned."""
     before = las(tmp_path / 'before.laz', [1, 65, 65, 2, 1, 1])
     after = las(tmp_path / 'after.laz', [1, 7, 65, 7, 18, 1])
-    points = read_files(after, before, Codes(frozenset({65})))
+    points = read_files(after, before, labels.Codes(frozenset({65})))
     np.testing.assert_array_equal(points.rejected, [0, 1, 0, 1, 1, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 1, 0, 0, 0])
     assert points.score is None
@@ -204,5 +195,5 @@ def test_names_without_one_number(tmp_path: Path, names: list[str], got: str) ->
     for name in names:
         (tmp_path / name).touch()
     with pytest.raises(RecordingError, match='must be alike but for one number') as caught:
-        by_number(tmp_path)
+        labels.by_number(tmp_path)
     assert got in str(caught.value)

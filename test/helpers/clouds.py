@@ -94,7 +94,7 @@ def point_bytes(msg: Any) -> list[bytes]:
     data = bytes(msg.data)
     starts = [
         row * msg.row_step + column * msg.point_step
-        for row in range(msg.height)
+        for row in range(msg.height if msg.width else 0)
         for column in range(msg.width)
     ]
     return [data[start : start + msg.point_step] for start in starts]
@@ -119,7 +119,7 @@ DRIVE = np.dtype(
 )
 
 
-def drive(seed: int, shots: int = 600, rings: int = 4, shot_ns: int = 200_000) -> Rows:
+def drive(seed: int, shots: int = 600, rings: int = 4) -> Rows:
     """Make the points of a short drive in order of time, all rings fired together.
 
     About 4 % are outliers, 4 % missing returns (NaN, Inf and 0 0 0), 8 % not there, in gaps of up
@@ -128,7 +128,7 @@ def drive(seed: int, shots: int = 600, rings: int = 4, shot_ns: int = 200_000) -
     rng = np.random.default_rng(seed)
     noise = bytearray(rng.bytes(shots * rings * DRIVE.itemsize))
     rows = np.frombuffer(noise, DRIVE).reshape(shots, rings)
-    t = np.arange(shots)[:, None] * shot_ns + np.zeros((1, rings), np.int64)
+    t = np.arange(shots)[:, None] * 200_000 + np.zeros((1, rings), np.int64)
     angle, height = t * 2e-8 * np.pi, np.arange(rings)
     sigma = 0.01 + 0.01 * height
     rows['x'] = 10 * np.cos(angle) + rng.normal(0, sigma, t.shape)

@@ -16,9 +16,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from helpers.clouds import STORE, cloud, to_bytes
+from helpers.clouds import STORE, to_bytes
 from helpers.drives import PERIOD, STRING, cdr
 from helpers.drives import content as read_content
+from helpers.replays import cloud
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.replay import ReplayReport, replay
@@ -72,14 +73,8 @@ def drive() -> list[Sent]:
     """Make clouds of a wall with outliers, 0.1 s each, and a text before each."""
     sent = []
     for i in range(COUNT):
-        rng = np.random.default_rng(i)
-        rows = np.zeros(POINTS, [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4')])
-        rows['time'] = np.arange(POINTS) * (0.1 / POINTS)
-        rows['x'] = 10 + rng.normal(0, 0.01, POINTS)
-        rows['y'] = np.linspace(-5, 5, POINTS)
-        rows['x'][rng.choice(POINTS, 3, replace=False)] -= 3
         sent.append(Sent('/text', i * PERIOD, cdr(STRING, f'cloud {i}')))
-        sent.append(Sent('/lidar', i * PERIOD, to_bytes(cloud(rows, i * PERIOD))))
+        sent.append(Sent('/lidar', i * PERIOD, to_bytes(cloud(i, POINTS))))
     return sent
 
 

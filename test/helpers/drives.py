@@ -44,6 +44,15 @@ def content(path: Path) -> dict[str, list[tuple[int, bytes]]]:
     return found
 
 
+def first_cloud(path: Path) -> Any:
+    """Read the first cloud of a recording."""
+    with Recording(path) as recording:
+        for topic, _, data in recording.messages():
+            if topic.msgtype == CLOUD:
+                return STORE.deserialize_cdr(data, CLOUD)
+    raise AssertionError(path)
+
+
 def rows_of_turn(number: int, points: int = 120) -> Rows:
     """Make one turn of two rings within a noisy cylinder, with three points far inside."""
     rng = np.random.default_rng(number)
@@ -71,7 +80,7 @@ def write_messages(
     return path
 
 
-def write_drive(path: Path, clouds: int = 30, seed: int = 0, points: int = 120) -> Path:
+def write_drive(path: Path, clouds: int, seed: int = 0, points: int = 120) -> Path:
     """Write a recording of turns, 10 in a second, and of a text before each."""
     messages: list[tuple[str, int, bytes]] = []
     for number in range(clouds):

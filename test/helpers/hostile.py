@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow as pa
 from hypothesis import strategies as st
 from pyarrow import parquet
-from rosbags.typesys import Stores, get_typestore
 
 from helpers.cloud_files import write_las
+from helpers.clouds import STORE, point_bytes
 from helpers.e57_files import write_e57
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
@@ -24,7 +24,7 @@ from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_clou
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.library import CloudFilter
 
-TYPES = get_typestore(Stores.ROS2_JAZZY).types
+TYPES = STORE.types
 SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 8: 8}
 NAMES = ('x', 'y', 'z', 'time', 't', 'timestamp', 'ring', 'intensity', 'score', 'label', '', 'é')
 WILD = (0, 1, 2, 3, 255, 2**15, 2**16, 2**31 - 1, 2**31, 2**32 - 1)
@@ -135,21 +135,9 @@ def judge(cloud: Any) -> bool:
         assert stream.statistics.refusals
         return False
     (result,) = results
-    parts = [rows for one in (result.cleaned, result.outliers) for rows in points(one)]
-    assert sorted(parts) == sorted(points(cloud))
+    parts = [rows for one in (result.cleaned, result.outliers) for rows in point_bytes(one)]
+    assert sorted(parts) == sorted(point_bytes(cloud))
     return True
-
-
-def points(cloud: Any) -> list[bytes]:
-    """List the bytes of each point."""
-    if cloud.height * cloud.width == 0:
-        return []
-    data, step = bytes(cloud.data), cloud.point_step
-    return [
-        data[row * cloud.row_step + i * step :][:step]
-        for row in range(cloud.height)
-        for i in range(cloud.width)
-    ]
 
 
 # Files --------------------------------------------------------------------------------------------

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_typestore
 
+from helpers.clouds import STORE
+from helpers.drives import STRING, cdr, topic_of
 from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
-from lidar_outlier_filter.recordings.bags import NewBag, Topic
+from lidar_outlier_filter.pipeline.topics import CLOUD
+from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_lab.simulation.world.recording import to_message
 
-CLOUD, STRING = 'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/String'
-STORE = get_typestore(Stores.ROS2_JAZZY)
 POINT = np.dtype(
     [(axis, '<f4') for axis in 'xyz'] + [('t', '<u4'), ('label', 'u1'), ('surface', 'u1')]
 )
@@ -68,17 +68,14 @@ def write(
 
     On the topic ``beside`` there are texts, too.
     """
-    definition, _ = STORE.generate_msgdef(CLOUD, ros_version=2)
     with NewBag(path) as bag:
         if beside:
-            text, _ = STORE.generate_msgdef(STRING, ros_version=2)
-            other = Topic(beside, STRING, text, STORE.hash_rihs01(STRING))
+            other = topic_of(beside, STRING)
             bag.add(other)
-            message = STORE.types[STRING]('a text')
             for time in (0, 50_000_000, 1_000_000_000):
-                bag.write(other, time, bytes(STORE.serialize_cdr(message, STRING)))
+                bag.write(other, time, cdr(STRING, 'a text'))
         for name, clouds in topics.items():
-            topic = Topic(name, CLOUD, definition, STORE.hash_rihs01(CLOUD))
+            topic = topic_of(name, CLOUD)
             bag.add(topic)
             for number, cloud in enumerate(clouds):
                 time = number * 100_000_000
@@ -89,3 +86,21 @@ def write(
                 message.fields = [item for item in message.fields if item.name != without]
                 bag.write(topic, time, bytes(STORE.serialize_cdr(message, CLOUD)))
     return path
+
+
+def drive(clouds: int = 12, count: int = 400, seed: int = 2) -> list[Rows]:
+    """Make clouds of one scan line each, 0.1 s apart, with outliers and missing returns."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for number in range(clouds):
+        cloud = np.zeros(count, POINT)
+        cloud['t'] = np.arange(count) * 200_000
+        cloud['x'], cloud['y'] = number, np.linspace(-5, 5, count)
+        cloud['z'] = 0.1 * np.sin(cloud['y']) + rng.normal(0, 0.006, count)
+        bad = rng.random(count) < 0.03
+        cloud['z'][bad] += rng.uniform(0.02, 1, np.count_nonzero(bad))
+        cloud['label'] = np.where(bad, Cause.EXHAUST, Cause.GOOD)
+        for axis in 'xyz':
+            cloud[axis][rng.random(count) < 0.01] = np.nan
+        made.append(cloud)
+    return made

@@ -129,7 +129,8 @@ CHAINS = {
 }
 CHAINS |= {'`lof`': 'lof', '`sor`': 'sor', '`sor` as DROR': 'sor as DROR'}
 CHAINS |= {'`hierarchical`': 'hierarchical', '`elevation`': 'elevation'}
-COUNTS = ('recall', 'precision', 'F1', 'good points lost')
+BOTH, LOST = 'real_snow/Both returns', 'good points lost'
+COUNTS = ('recall', 'precision', 'F1', LOST)
 DRIVES = ('leslar-a', 'leslar-b', 'leslar-c', 'street-32')
 THREE = 'alpha_beta_gamma, quadric, lof'
 SWEEPS, DEMO = 'Sweeps of 128 × 1024', 'The demo'  # headings of doc/results/speed.md
@@ -167,157 +168,134 @@ def of_peers(sensor: str) -> str:
     return f'{real}/lof}} | {real}/sor}} |' if sensor in MAKERS else '– | – |'
 
 
+def on_page(page: str, *texts: str) -> list[Quote]:
+    """List what a page quotes."""
+    return [Quote(page, text) for text in texts]
+
+
 SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'tables': (
         page_sources.tables,
         [
-            Quote(
+            *on_page(
                 'README.md',
-                'both returns): F1 {real_snow/Both returns/default/F1}, and '
-                '{real_snow/Both returns/default/good points lost} of the good points lost;\n'
-                'DROR, tuned on the same labels: {real_snow/Both returns/DROR/F1} and '
-                '{real_snow/Both returns/DROR/good points lost}. [Real',
+                f'both returns): F1 {{{BOTH}/default/F1}}, and {{{BOTH}/default/{LOST}}} of the '
+                f'good points lost; DROR, tuned on the same labels: {{{BOTH}/DROR/F1}} and '
+                f'{{{BOTH}/DROR/{LOST}}}. [Real',
             ),
-            Quote(ACCURACY, 'F1 is {real_snow/In short/default/both returns} with dual returns'),
-            Quote(
-                f'{START}hesai.md',
-                'has an F1 of {real_snow/Both returns/default/F1} with both, '
-                'and {real_snow/Last return/default/F1} with the last',
-            ),
-            Quote(
-                'doc/real_snow.md',
-                '| last return |\n| --- | ---: | ---: |\n{real_snow/In short}\n\n[Tables]',
-            ),
-            Quote(
+            *on_page(
                 ACCURACY,
+                'F1 is {real_snow/In short/default/both returns} with dual returns',
                 '**Simulated streets**: F1 {tables/The default/preset/street-16/F1} to '
                 '{tables/The default/preset/leslar-a/F1}, above DROR',
-            ),
-            Quote(
-                f'{START}profile_scanner.md',
-                'recall is {tables/The default/preset/leslar-b/recall}, and '
-                '{tables/The default/preset/leslar-b/good points lost} of the good points are lost',
-            ),
-            Quote(
-                ACCURACY,
                 '\n'.join(
                     row(f'`{preset}` | {what}', f'The default/preset/{preset}', COUNTS)
                     for preset, what in PRESETS.items()
                 ),
-            ),
-            Quote(
-                ACCURACY,
                 '\n'.join(
                     row(title, f'The default/{name}', PRESETS) for title, name in OTHERS.items()
                 ),
+                f'sweeps of 128 × 1024 | {{speed/{SWEEPS}/boosted_trees/2 cores}} '
+                f'({{speed/{SWEEPS}/boosted_trees/× Open3D}} × Open3D,',
             ),
-            Quote(
+            *on_page(
+                f'{START}hesai.md',
+                f'has an F1 of {{{BOTH}/default/F1}} with both, '
+                'and {real_snow/Last return/default/F1} with the last',
+            ),
+            *on_page(
+                'doc/real_snow.md',
+                '| last return |\n| --- | ---: | ---: |\n{real_snow/In short}\n\n[Tables]',
+            ),
+            *on_page(
+                f'{START}profile_scanner.md',
+                'recall is {tables/The default/preset/leslar-b/recall}, and '
+                f'{{tables/The default/preset/leslar-b/{LOST}}} of the good points are lost',
+            ),
+            *on_page(
                 'doc/chains.md',
                 '\n'.join(
                     row(title, f'All detectors/{name}', DRIVES) for title, name in CHAINS.items()
                 ),
             ),
-            *(
-                Quote(
-                    f'{START}livox.md',
+            *on_page(
+                f'{START}livox.md',
+                *(
                     f'| {scanner} | '
                     + ' | '.join(f'{LIVOX}/{scanner}, {kind}/free, F1}}' for kind in WEATHER)
-                    + f' | {LIVOX}/{scanner}, dry air/free}} |',
-                )
-                for scanner in ('Mid-40', 'L2', 'like a Mid-360')
+                    + f' | {LIVOX}/{scanner}, dry air/free}} |'
+                    for scanner in ('Mid-40', 'L2', 'like a Mid-360')
+                ),
             ),
-            *(
-                Quote('doc/performance.md', speed_row(title, table, 'boosted_trees', *names))
-                for title, (table, *names) in SPEEDS.items()
-            ),
-            Quote(
+            *on_page(
                 'doc/performance.md',
+                *(
+                    speed_row(title, table, 'boosted_trees', *names)
+                    for title, (table, *names) in SPEEDS.items()
+                ),
                 '| input | chain | published | p95 | longest |\n'
                 '| --- | --- | --- | --- | --- |\n{load/Load}\n\nWith too',
-            ),
-            Quote(
-                'doc/performance.md',
-                'longest delay | recovered after |\n|'
-                + 7 * ' --- |'
-                + '\n{load/Policies}\n\nThe slower',
-            ),
-            Quote('doc/performance.md', f'up to {{speed/{DEMO}/{THREE}/2 cores}} million points'),
-            Quote(
-                ACCURACY,
-                f'sweeps of 128 × 1024 | {{speed/{SWEEPS}/boosted_trees/2 cores}} '
-                f'({{speed/{SWEEPS}/boosted_trees/× Open3D}} × Open3D,',
+                f'| recovered after |\n|{7 * " --- |"}\n{{load/Policies}}\n\nThe slower',
+                f'up to {{speed/{DEMO}/{THREE}/2 cores}} million points',
             ),
         ],
     ),
     'files': (
         page_sources.files,
         [
-            Quote('README.md', 'A sweep beside a leafy tree lost {actual_scan share}. [How'),
-            Quote(ACCURACY, '`actual_scan` (32 rings), loses {actual_scan share}, most'),
-            Quote(
+            *on_page('README.md', 'A sweep beside a leafy tree lost {actual_scan share}. [How'),
+            *on_page(ACCURACY, '`actual_scan` (32 rings), loses {actual_scan share}, most'),
+            *on_page(
                 'doc/files.md',
                 '`autzen_trim.laz`, {autzen_trim points} points, {autzen_trim rejected} rejected',
-            ),
-            Quote(
-                'doc/files.md',
                 'one sweep, {source points} points, {source survey rejected} rejected with',
+                'are recovered, and {source rejected} points are rejected.',
             ),
-            Quote('doc/files.md', 'are recovered, and {source rejected} points are rejected.'),
         ],
     ),
     'trees': (
         lambda pages: {**page_sources.tables(pages), **page_sources.trees(pages)},
         [
-            Quote(
+            *on_page(
                 ACCURACY,
                 'sensor left out | F1 | intensities hidden |\n| --- | ---: | ---: |\n{weather}\n\n'
                 '**Weather that was not trained on.**',
-            ),
-            Quote(
-                ACCURACY,
                 'sweeps of twelve real sensors lose {least shipped} to {most shipped}, '
                 'or {least left} to {most left} with trees',
+                *(
+                    f'| {title} | {{left {name}}} | {{dark {name}}} | {{shipped {name}}} | '
+                    + of_peers(name)
+                    for title, name in SENSORS.items()
+                ),
+                '| cause | found |\n| --- | ---: |\n'
+                + '\n'.join(f'| {title} | {{profile {name}}} |' for title, name in FOUND.items()),
             ),
-            Quote(
+            *on_page(
                 'doc/development/default.md',
-                '`street-16` / `-32` / `-64` / `-128` |\n'
-                '| --- |' + 11 * ' ---: |' + '\n'
+                f'`street-16` / `-32` / `-64` / `-128` |\n| --- |{11 * " ---: |"}\n'
                 '{parts}\n\nThe worst sensor is the Ruby Plus',
             ),
-            Quote(
+            *on_page(
                 'README.md',
                 'twelve real sensors: {least shipped} to {most shipped} of the points are '
                 'rejected; {least left} to {most left} by models not trained on the sensor.',
             ),
-            *(
-                Quote(
-                    ACCURACY,
-                    f'| {title} | {{left {name}}} | {{dark {name}}} | {{shipped {name}}} | '
-                    + of_peers(name),
-                )
-                for title, name in SENSORS.items()
-            ),
-            Quote(
+            *on_page(
                 f'{START}velodyne.md',
                 '| VLP-16, a room | {shipped VLP-16} |\n'
                 '| HDL-32E, outdoors | {shipped HDL-32E} |\n'
                 '| VLP-32C, a hall | {shipped VLP-32C} |',
             ),
-            Quote(f'{START}hesai.md', 'the default rejects {shipped XT32} of the points'),
-            Quote(
-                ACCURACY,
-                '| cause | found |\n| --- | ---: |\n'
-                + '\n'.join(f'| {title} | {{profile {name}}} |' for title, name in FOUND.items()),
-            ),
+            *on_page(f'{START}hesai.md', 'the default rejects {shipped XT32} of the points'),
         ],
     ),
     'ouster': (
         page_sources.output_of(f'{START}ouster.md', REPLAY),
         [
-            Quote(
+            *on_page(
                 f'{START}ouster.md',
                 'clouds of an OS1-128:\n\n```text\n{to the speed}\n│ points per second ',
-            )
+            ),
         ],
     ),
     **{
@@ -334,21 +312,23 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'street': (
         page_sources.street,
         [
-            Quote(
+            *on_page(
                 ACCURACY,
                 'recesses, poles, parked cars and a barrier arm; {points} points,\n'
                 '{outliers} ({share}) of them outliers. A profile scanner',
-            ),
-            Quote(
-                ACCURACY,
                 '`boosted_trees` |\n| --- | --- | --- | --- |\n'
                 + '\n'.join(
                     f'| {title} | {{paper {name} exactly}} | {{smoother {name} exactly}} '
                     f'| {{default {name} exactly}} |'
                     for title, name in STREET_ROWS.items()
                 ),
+                'On the street of the demo F1 is {default F1}, recall {default recall}, and '
+                '{default lost} good points',
+                'several lines: {default mixed} are found in the demo, and hardly any on streets '
+                'of spinning sensors. `config/classic.yaml` finds {classic mixed} in the demo, '
+                'and loses {classic lost} good points.',
             ),
-            Quote(
+            *on_page(
                 'README.md',
                 '| | default | `config/classic.yaml` |\n| --- | --- | --- |\n'
                 '| reflections found | {default reflection} | {classic reflection} |\n'
@@ -358,35 +338,24 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 '| mixed pixels at edges found | {default mixed} | {classic mixed} |\n'
                 '| level barrier arm found | {default barrier} | {classic barrier} |\n'
                 '| **good points lost** | **{default lost}** | **{classic lost}** |',
-            ),
-            Quote('README.md', 'below: F1 {default F1}, {default lost} good points lost.'),
-            Quote(
-                ACCURACY,
-                'On the street of the demo F1 is {default F1}, recall {default recall}, and '
-                '{default lost} good points',
-            ),
-            Quote(
-                ACCURACY,
-                'several lines: {default mixed} are found in the demo, and hardly any on streets '
-                'of spinning sensors. `config/classic.yaml` finds {classic mixed} in the demo, '
-                'and loses {classic lost} good points.',
+                'below: F1 {default F1}, {default lost} good points lost.',
             ),
         ],
     ),
     'snow': (
         page_sources.snow,
         [
-            Quote(
+            *on_page(
                 ACCURACY,
                 'behind a car that whirls it up; {points} points, {outliers} ({share}) of them '
                 'outliers. By the default:\n\n| | |\n| --- | --- |\n'
-                '| precision | {precision exactly} |\n'
-                '| recall | {recall exactly} |\n'
-                '| F1 | {F1 exactly} |\n'
-                '| snow | {snow exactly} |\n'
-                '| spray | {spray exactly} |\n'
-                '| mixed points | {mixed exactly} |\n'
-                '| good points lost | {lost exactly} |',
+                '| precision | {default precision exactly} |\n'
+                '| recall | {default recall exactly} |\n'
+                '| F1 | {default F1 exactly} |\n'
+                '| snow | {default snow counted} |\n'
+                '| spray | {default spray counted} |\n'
+                '| mixed points | {default mixed counted} |\n'
+                '| good points lost | {default lost} |',
             ),
         ],
     ),

@@ -36,8 +36,7 @@ from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from lidar_outlier_filter.evaluation.confusion import Confusion
+    from pathlib import Path
 
     Figures = Mapping[str, str]
     Source = Callable[[Pages], Figures]
@@ -131,28 +130,8 @@ def street(pages: Pages) -> Figures:
     figures: dict[str, str] = {}
     for form, values in STREET_FORMS.items():
         replay(folder / 'drive', folder / form, parameters={**SENSOR, **values})
-        found = evaluate(read_recording(folder / form), CAUSES)
-        whole = found.whole
-        for name, share in {**found.causes, **found.surfaces}.items():
-            figures[f'{form} {name}'] = f'{100 * share.ratio:.0f} %'
-            figures[f'{form} {name} exactly'] = exactly(share.ratio)
-        lost = Share(whole.lost, whole.total - whole.outliers)
-        figures |= {f'{form} lost': counted(lost)}
-        figures |= {f'{form} lost exactly': f'{grouped(lost.part)} ({exactly(lost.ratio)})'}
-        figures |= {'outliers': grouped(whole.outliers), 'points': grouped(whole.total)}
-        figures |= {'share': exactly(whole.outliers / whole.total)}
-        figures |= {f'{form} F1': f'{whole.f1:.3f}', f'{form} recall': f'{whole.recall.ratio:.3f}'}
-        figures |= {f'{form} {name}': text for name, text in _exactly(whole).items()}
+        figures |= _of_run(folder / form)
     return figures
-
-
-def _exactly(whole: Confusion) -> Figures:
-    """Write what is said first of a run."""
-    return {
-        'precision exactly': exactly(whole.precision.ratio),
-        'recall exactly': exactly(whole.recall.ratio),
-        'F1 exactly': exactly(whole.f1),
-    }
 
 
 def snow(pages: Pages) -> Figures:
@@ -160,16 +139,31 @@ def snow(pages: Pages) -> Figures:
     folder = pages.new('snow')
     record(snow_drive(), folder / 'drive', lines_per_message=1)
     replay(folder / 'drive', folder / 'default')
-    found = evaluate(read_recording(folder / 'default'), CAUSES)
-    whole = found.whole
+    return _of_run(folder / 'default')
+
+
+def _of_run(recording: Path) -> dict[str, str]:
+    """Evaluate a run; its figures have the name of its folder before theirs."""
+    found = evaluate(read_recording(recording), CAUSES)
+    whole, form = found.whole, recording.name
+    lost = Share(whole.lost, whole.total - whole.outliers)
     figures = {
-        f'{cause} exactly': f'{counted(share)}, {exactly(share.ratio)}'
-        for cause, share in found.causes.items()
+        'outliers': grouped(whole.outliers),
+        'points': grouped(whole.total),
+        'share': exactly(whole.outliers / whole.total),
+        f'{form} lost': counted(lost),
+        f'{form} lost exactly': f'{grouped(lost.part)} ({exactly(lost.ratio)})',
+        f'{form} F1': f'{whole.f1:.3f}',
+        f'{form} F1 exactly': exactly(whole.f1),
+        f'{form} recall': f'{whole.recall.ratio:.3f}',
+        f'{form} recall exactly': exactly(whole.recall.ratio),
+        f'{form} precision exactly': exactly(whole.precision.ratio),
     }
-    figures |= {'outliers': grouped(whole.outliers), 'points': grouped(whole.total)}
-    figures |= {'share': exactly(whole.outliers / whole.total)}
-    figures |= {'lost exactly': counted(Share(whole.lost, whole.total - whole.outliers))}
-    return {**figures, **_exactly(whole)}
+    for name, share in {**found.causes, **found.surfaces}.items():
+        figures[f'{form} {name}'] = f'{100 * share.ratio:.0f} %'
+        figures[f'{form} {name} exactly'] = exactly(share.ratio)
+        figures[f'{form} {name} counted'] = f'{counted(share)}, {exactly(share.ratio)}'
+    return figures
 
 
 def trees(_pages: Pages) -> Figures:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A profile scanner on a vehicle in a street: clouds in two frames, truth, odometry, bags."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,8 @@ def pose(t: Floats) -> tuple[Floats, Rotation]:
 class Drive:
     """Points of a drive: in the frame of the sensor, georeferenced, and which are outliers."""
 
-    def __init__(self, seconds: float, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
+    def __init__(self, seconds: float) -> None:
+        rng = np.random.default_rng(0)
         count = round(seconds * LINES * SHOTS)
         self.t = np.arange(count) * SECOND // (LINES * SHOTS)
         angle = 2 * np.pi * (np.arange(count) % SHOTS) / SHOTS
@@ -96,10 +96,10 @@ class Drive:
             messages.append(cloud(part, STAMP + start))
         return messages
 
-    def odometry(self, rate: int = 100) -> list[Odometry]:
+    def odometry(self) -> list[Odometry]:
         """Make the odometry of the drive, and a bit more."""
         last = int(self.t[-1]) * 1e-9
-        t: Floats = np.arange(-1.0, np.ceil(last * rate) + 2, dtype=np.float64) / rate
+        t: Floats = np.arange(-1.0, np.ceil(last * 100) + 2, dtype=np.float64) / 100
         position, rotation = pose(t)
         listed = (position + MAP).tolist(), rotation.as_quat().tolist()
         return [_odometry(*item) for item in zip(t, *listed, strict=True)]
@@ -162,24 +162,15 @@ def rejected(drive: Drive, results: list[SplitCloud]) -> NDArray[np.bool_]:
     return mask
 
 
-def write(
-    path: Path,
-    drive: Drive,
-    topics: tuple[str, ...] = ('/points',),
-    late: Sequence[PointCloud2] = (),
-) -> Path:
-    """Write a recording: clouds at the end of their time, odometry 30 ms after its own.
-
-    The clouds of ``late`` come a minute late.
-    """
-    clouds = [(SECOND // 10, msg) for msg in drive.clouds(drive.own)]
-    clouds += [(60 * SECOND, msg) for msg in late]
-    odometry = [(3 * SECOND // 100, msg) for msg in drive.odometry()]
-    streams = [(name, clouds) for name in topics] + [('/odom', odometry)]
+def write(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> Path:
+    """Write a recording: clouds at the end of their time, odometry 30 ms after its own."""
+    clouds: list[Any] = drive.clouds(drive.own)
+    streams = [(name, SECOND // 10, clouds) for name in topics]
+    streams.append(('/odom', 3 * SECOND // 100, drive.odometry()))
     events = [
         (name, nanoseconds(msg) + delay, bytes(serialize_message(msg)))
-        for name, messages in streams
-        for delay, msg in messages
+        for name, delay, every in streams
+        for msg in every
     ]
     types = dict.fromkeys(topics, CLOUD) | {'/odom': ODOMETRY}
     return write_messages(path, types, sorted(events, key=lambda event: event[1]))
@@ -208,6 +199,6 @@ class Recorded:
 class WithoutFirstPoses(Drive):
     """A drive whose odometry begins 0.3 s late."""
 
-    def odometry(self, rate: int = 100) -> list[Odometry]:
+    def odometry(self) -> list[Odometry]:
         """Leave the first poses out."""
-        return [msg for msg in super().odometry(rate) if seconds(msg) > 0.295]
+        return [msg for msg in super().odometry() if seconds(msg) > 0.295]

@@ -54,7 +54,7 @@ def sweep(  # noqa: PLR0913
     far[stray] *= rng.uniform(0.2, 0.9, int(stray.sum()))
     flat = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
     kept = rng.random(len(shot)) >= lost
-    points = Points(far[:, None] * flat, t, ring, np.ones(len(shot), np.bool_))
+    points = points_of(far[:, None] * flat, t, ring)
     return points.take(kept)
 
 
@@ -119,9 +119,11 @@ class Drive:
         return points_of(self.eye + far[:, None] * self.beam, self.t, self.line)
 
 
-def points_of(xyz: Floats, t: Ints, line: Ints) -> Points:
-    """Make points, all of them valid."""
-    return Points(xyz, t, line, np.ones(len(t), np.bool_))
+def points_of(xyz: Floats, t: Ints | None = None, line: Ints | None = None) -> Points:
+    """Make points, all of them valid; times and lines that are not given are 0."""
+    zeros = np.zeros(len(xyz), np.int64)
+    times, lines = (zeros if given is None else given for given in (t, line))
+    return Points(xyz, times, lines, np.ones(len(xyz), np.bool_))
 
 
 def profile_pattern_of(points: Points) -> Pattern:
@@ -138,12 +140,12 @@ def prepared(pattern: Pattern) -> Prepared:
 
 
 def road(seed: int, lines: int = 20, shots: int = 40, strays: float = 0.02) -> tuple[Points, Bools]:
-    """Measure a road and a wall by lines of a profile scanner; strays hang above it."""
+    """Measure a road, 2 m below, and a wall by a profile scanner; strays hang above it."""
     rng = np.random.default_rng(seed)
     angle = np.tile(np.linspace(-0.9, 0.9, shots), lines)
     y = np.minimum(2.0 * np.tan(angle), 2.0)
     z = np.where(y < 2.0, 0.0, 2.0 - 2.0 / np.tan(np.maximum(angle, 0.1)))
-    xyz = np.stack([np.repeat(np.arange(lines) * 0.06, shots), y, z], axis=1)
+    xyz = np.stack([np.repeat(np.arange(lines) * 0.06, shots), y, z - 2.0], axis=1)
     xyz += rng.normal(0, 0.004, xyz.shape)
     stray = rng.random(len(xyz)) < strays
     xyz[stray, 2] += rng.uniform(0.2, 1.5, np.count_nonzero(stray))

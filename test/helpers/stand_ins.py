@@ -92,67 +92,54 @@ def ouster(points: Rows, stamp: int, sensor: SpinningScanner) -> bytes:
 
 
 class StandIn(NamedTuple):
-    """What a recording is made of; it is written under each of its names."""
+    """What a recording is made of: a layout; lowest and highest ring in degrees, and how many."""
 
-    names: tuple[str, ...]
-    sensor: SpinningScanner
-    turns: int
-    topic: str
     lay: Lay
+    low: float
+    high: float
+    rings: int
+    columns: int
+    turns: int
 
 
-def scanner(low: float, high: float, count: int, columns: int) -> SpinningScanner:
-    """Make a sensor that turns ten times a second; elevations in degrees."""
-    column_time = TURN // columns // count * count
-    return SpinningScanner(
-        elevation=rings(low, high, count), columns=columns, column_time=column_time
-    )
-
-
-STAND_INS = (
-    StandIn(
-        ('vlp16_mrpt.bag', 'vlp16_mrpt_db3', 'vlp16_mrpt_mcap'),
-        scanner(-15.0, 15.0, 16, 1500),
-        4,
-        '/velodyne_points',
-        velodyne,
-    ),
-    StandIn(
-        ('hdl32_mrpt_mcap',), scanner(-30.67, 10.67, 32, 2000), 3, '/velodyne_points', velodyne
-    ),
-    StandIn(
-        ('vlp32_nebula.bag', 'vlp32_nebula_db3'),
-        scanner(-25.0, 15.0, 32, 1000),
-        5,
-        '/velodyne_points',
-        velodyne,
-    ),
-    StandIn(('os1_128_db3',), scanner(-22.5, 22.5, 128, 1024), 3, '/ouster/points', ouster),
-    StandIn(('os0_32.bag',), scanner(-45.0, 45.0, 32, 1024), 1, '/ouster/points', ouster),
-    StandIn(
-        ('hesai_xt32_nebula_mcap',), scanner(-16.0, 15.0, 32, 2000), 4, '/pandar_points', hesai
-    ),
-    StandIn(
-        ('cloudini_lidar_link_mcap',), scanner(-16.0, 15.0, 32, 2000), 1, '/lidar_points', link
-    ),
-)
+TOPICS: dict[Lay, str] = {
+    velodyne: '/velodyne_points',
+    ouster: '/ouster/points',
+    hesai: '/pandar_points',
+    link: '/lidar_points',
+}
+# By the names that each is written under.
+STAND_INS = {
+    'vlp16_mrpt.bag vlp16_mrpt_db3 vlp16_mrpt_mcap': StandIn(velodyne, -15, 15, 16, 1500, 4),
+    'hdl32_mrpt_mcap': StandIn(velodyne, -30.67, 10.67, 32, 2000, 3),
+    'vlp32_nebula.bag vlp32_nebula_db3': StandIn(velodyne, -25, 15, 32, 1000, 5),
+    'os1_128_db3': StandIn(ouster, -22.5, 22.5, 128, 1024, 3),
+    'os0_32.bag': StandIn(ouster, -45, 45, 32, 1024, 1),
+    'hesai_xt32_nebula_mcap': StandIn(hesai, -16, 15, 32, 2000, 4),
+    'cloudini_lidar_link_mcap': StandIn(link, -16, 15, 32, 2000, 1),
+}
 
 
 def turns(one: StandIn) -> Iterator[tuple[int, bytes]]:
-    """Simulate turns in a dry street: bag time and message of each."""
-    street = plan(one.sensor.rings, 7)
-    drive = replace(street, sensor=one.sensor, lines=one.turns, scene=replace(street.scene, air=()))
+    """Simulate ten turns a second in a dry street: bag time and message of each."""
+    sensor = SpinningScanner(
+        elevation=rings(one.low, one.high, one.rings),
+        columns=one.columns,
+        column_time=TURN // one.columns // one.rings * one.rings,
+    )
+    street = plan(one.rings, 7)
+    drive = replace(street, sensor=sensor, lines=one.turns, scene=replace(street.scene, air=()))
     for turn in messages(drive, simulate(drive), 1):
-        yield turn.sent, one.lay(turn.points, turn.stamp, one.sensor)
+        yield turn.sent, one.lay(turn.points, turn.stamp, sensor)
 
 
 def write_stand_ins(folder: Path) -> Path:
     """Write all of them into ``bags``; return the folder."""
     (folder / 'bags').mkdir()
-    for one in STAND_INS:
+    for names, one in STAND_INS.items():
         made = list(turns(one))
-        for name in one.names:
-            _write(folder / 'bags' / name, one.topic, made)
+        for name in names.split():
+            _write(folder / 'bags' / name, TOPICS[one.lay], made)
     return folder
 
 

@@ -44,7 +44,7 @@ if __name__ == '__main__':  # who collects tests imports this file, too
 
 import numpy as np  # noqa: E402  nothing may have asked for a kernel before
 
-from helpers import neighbour_clouds, scans  # noqa: E402
+from helpers import scans, shapes  # noqa: E402
 from lidar_outlier_filter import core  # noqa: E402
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput  # noqa: E402
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations  # noqa: E402
@@ -67,8 +67,8 @@ def settings(name: str) -> Iterator[dict[str, object]]:
 
 def clouds() -> Iterator[Points]:
     """Make clouds of few points, of both kinds of scanners, with what makes neighbours odd."""
-    for make in neighbour_clouds.CLOUDS:
-        for size in SIZES if make is neighbour_clouds.stacks else SIZES[-1:]:
+    for make in shapes.CLOUDS:
+        for size in SIZES if make is shapes.stacks else SIZES[-1:]:
             xyz = make(np.random.default_rng(size))[:size]
             t = np.arange(size) * 1000
             yield Points(xyz, t, np.arange(size) // 20, np.ones(size, np.bool_))

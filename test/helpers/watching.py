@@ -47,14 +47,15 @@ def sweep(number: int) -> PointCloud2:
     return cloud(rows, STAMP + round(number * PERIOD * 1e9))
 
 
-def fresh_copy(folder: Path, without: str = '__pycache__', source: Path = ROOT) -> dict[str, str]:
+def fresh_copy(folder: Path, *without: str, source: Path = ROOT) -> dict[str, str]:
     """Copy the package without what is compiled; return the environment that uses the copy.
 
-    ``without`` may leave out less: a pattern of the names of kernels, as ``sor.*``. What is left
+    ``without`` may leave out less: patterns of the names of kernels, as ``sor.*``. What is left
     out must be compiled; all others are, where an earlier use of the package has done that.
     """
+    ignored = shutil.ignore_patterns(*(without or ['__pycache__']))
     for name in ('lidar_outlier_filter', 'lidar_outlier_lab'):
-        shutil.copytree(source / name, folder / name, ignore=shutil.ignore_patterns(without))
+        shutil.copytree(source / name, folder / name, ignore=ignored)
     paths = [str(folder), *filter(None, [os.environ.get('PYTHONPATH')])]
     return {'PYTHONPATH': os.pathsep.join(paths)}
 

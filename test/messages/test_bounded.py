@@ -4,10 +4,12 @@
 
 import copy
 import tracemalloc
+from types import SimpleNamespace
 
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.nodes import NO_CLOUD, Ros, hold_up, line, wait_for_kernels, wait_for_thread
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import LONGEST, CloudError
@@ -92,3 +94,30 @@ def test_bytes_that_are_no_cloud(ros: Ros) -> None:
     go_on.set()
     wait_for_thread(node)
     assert (channel.statistics.refused, channel.health.losses()) == (100, {'dropped': 400})
+
+
+def test_quality_of_service(ros: Ros) -> None:
+    """Best effort in, as any sensor can be received then; reliable out; and how much is kept."""
+    moving = {'motion.source': 'odometry', 'motion.topic': 'odom'}
+    node = ros.filter(parameters=moving)
+    node.start()
+    received = {item.topic_name: item.qos_profile for item in node.subscriptions}
+    for name, depth in (('/points', 50), ('/odom', 1000)):
+        assert received[name].reliability is ReliabilityPolicy.BEST_EFFORT
+        assert received[name].depth == depth
+    for publisher in (node.channels[0].publisher.cleaned, node.channels[0].publisher.outliers):
+        assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+        assert publisher.qos_profile.depth == 10
+
+
+def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
+    """Those since it reported some before, not those of all time again."""
+    node = ros.filter()
+    node.start()
+    channel = node.channels[0]
+    subscription = channel._clouds
+    assert subscription is not None
+    (handler,) = (item for item in subscription.event_handlers if item.callback == channel._lost)
+    for total, change in ((3, 3), (5, 2)):
+        handler.callback(SimpleNamespace(total_count=total, total_count_change=change))
+    assert channel.health._missed['lost in transit'] == 5

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.clouds import SECOND, STAMP, cloud, table
+from naive import alpha_beta_gamma as naive
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points.points import (
@@ -252,14 +253,6 @@ def turns(count: int, per_turn: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def naive_lines(angle: np.ndarray[Any, np.dtype[np.float64]]) -> list[int]:
-    """Count the wraps so far."""
-    lines = [0]
-    for i in range(1, len(angle)):
-        lines.append(lines[-1] + int(abs(angle[i] - angle[i - 1]) > np.pi))
-    return lines
-
-
 PLANES = ('xy', 'yz', 'zx')
 
 
@@ -283,7 +276,7 @@ def test_angle_wraps(way: str, cuts: tuple[int, ...]) -> None:
     parts = np.split(rows, cuts)
     lines = np.concatenate([reader.decode(cloud(part)).line for part in parts])
     assert len(parts) == len(cuts) + 1
-    assert (lines - lines[0]).tolist() == naive_lines(angle)
+    assert (lines - lines[0]).tolist() == naive.angle_lines(angle.tolist())
     assert lines[-1] - lines[0] >= 13
 
 
@@ -295,7 +288,7 @@ def test_angle_of_missing_returns() -> None:
     for name in 'xyz':
         rows[name][no_return] = 0
     lines = decode(cloud(rows), line_source='angle').line
-    assert (lines[~no_return]).tolist() == naive_lines(angle[~no_return])
+    assert (lines[~no_return]).tolist() == naive.angle_lines(angle[~no_return].tolist())
     np.testing.assert_array_equal(np.diff(lines) >= 0, True)  # noqa: FBT003
     np.testing.assert_array_equal(lines[1:][no_return[1:]], lines[:-1][no_return[1:]])
 

@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from naive.lof import squared
+
 Position = tuple[float, float, float]
 Edge = tuple[int, int]
 
@@ -27,12 +29,6 @@ class Verdict(NamedTuple):
     score: list[float]
     phase: list[int]
     cluster: list[int]
-
-
-def squared(a: Position, b: Position) -> float:
-    """Square of the distance between two positions."""
-    dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return dx * dx + dy * dy + dz * dz
 
 
 def limit(lengths: Sequence[float], confidence: float) -> float:

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f, t
 
+from naive.neighbours import nearest
+
 Floats = NDArray[np.float64]
 Members = list[int]
 
@@ -522,14 +524,9 @@ def patches(points: Any, order: Sequence[int], k: int, rules: Rules) -> list[flo
     positions = np.asarray(points, float)
     rank = {int(i): position for position, i in enumerate(order)}
     result = []
-    for i, p in enumerate(positions):
-        squared = [(q - p) ** 2 for q in positions]
-        nearest = sorted(
-            range(len(positions)),
-            key=lambda j: ((squared[j][0] + squared[j][1]) + squared[j][2], j),
-        )
-        others = [j for j in nearest if j != i]
-        window = sorted([i, *others[:k]], key=rank.__getitem__)
+    for i in range(len(positions)):
+        others, _ = nearest(positions.tolist(), i, k)
+        window = sorted([i, *others], key=rank.__getitem__)
         scores = judge(positions[window], rules)
         result.append(scores[window.index(i)])
     return shared(positions, result)

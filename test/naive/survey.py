@@ -7,6 +7,8 @@ from statistics import median
 
 import numpy as np
 
+from naive.neighbours import nearest, squared
+
 K, MAX_NEIGHBOURS, SOME = 8, 60, 20
 MIN_SCALE_M, EVEN, SMOOTH, FAR, NARROW = 1e-6, 0.02, 0.01, 1e6, 1e-6
 
@@ -15,17 +17,7 @@ Position = tuple[float, float, float]
 
 def lists(xyz: list[Position], k: int) -> list[list[int]]:
     """List the nearest others of each point, the nearest first, then the first given."""
-    return [
-        sorted((o for o in range(len(xyz)) if o != p), key=lambda o: (_squared(xyz[p], xyz[o]), o))[
-            :k
-        ]
-        for p in range(len(xyz))
-    ]
-
-
-def _squared(a: Position, b: Position) -> float:
-    x, y, z = (c - d for c, d in zip(a, b, strict=True))
-    return (x * x + y * y) + z * z
+    return [nearest(xyz, p, k)[0] for p in range(len(xyz))]
 
 
 def first_of_each(xyz: list[Position]) -> list[int]:
@@ -175,13 +167,13 @@ def _group(xyz: list[Position], others: list[int], radius: list[float], p: int) 
     wide = scale(others, radius)
     edges = []
     # The way to each point that is left: from the nearest of those that hang together.
-    shortest = {o: (math.sqrt(_squared(xyz[p], xyz[o])), o) for o in others}
+    shortest = {o: (math.sqrt(squared(xyz[p], xyz[o])), o) for o in others}
     while shortest:
         edge, new = min(shortest.values())
         edges.append(edge)
         del shortest[new]
         for o, reach in shortest.items():
-            shortest[o] = min(reach, (math.sqrt(_squared(xyz[new], xyz[o])), o))
+            shortest[o] = min(reach, (math.sqrt(squared(xyz[new], xyz[o])), o))
     longest = max(edges)
     before = edges.index(longest)
     of = max(edges[:before]) if before else wide

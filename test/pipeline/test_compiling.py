@@ -3,7 +3,6 @@
 """Kernels are compiled in background processes; only compiled ones are used where asked."""
 
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 from helpers import TESTS
+from helpers.watching import fresh_copy
 from numba import njit
 
 from lidar_outlier_filter.cli.compile import _requested
@@ -30,7 +30,6 @@ from lidar_outlier_filter.pipeline.compiling import (
     shares,
 )
 
-PACKAGE = Path(compiling.__file__).parents[1]
 QUICK = ('sor',)
 # Says of each chain whether it can be loaded.
 LOADING = """
@@ -133,16 +132,6 @@ print(sorted({name for name, _ in called() - before}))
 """
 
 
-def fresh(tmp_path: Path, *missing: str) -> dict[str, str]:
-    """Copy the package without these kernels; return the environment that uses the copy."""
-    ignore = shutil.ignore_patterns(*missing)
-    shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=ignore)
-    shutil.copytree(PACKAGE.parent / 'config', tmp_path / 'config')
-    shutil.copy(PACKAGE.parent / 'setup.py', tmp_path)
-    paths = [str(tmp_path), *filter(None, [os.environ.get('PYTHONPATH')])]
-    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
-
-
 def run(env: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run Python in that environment."""
     command = [sys.executable, '-P', *arguments]  # not what lies in this folder
@@ -157,13 +146,13 @@ def parameters(*chain: str, **values: object) -> FilterParameters:
 @pytest.mark.slow
 def test_compile_fills_the_cache(tmp_path: Path) -> None:
     """Nothing can be loaded before; then all can, beside the sources, and nothing is left."""
-    env = fresh(tmp_path, 'sor._average*.nb?', 'gabriel.*.nb?')
+    env = os.environ | fresh_copy(tmp_path, 'sor._average*.nb?', 'gabriel.*.nb?')
     assert run(env, '-c', LOADING, 'sor').stdout == 'False\n'
     command = ('-m', 'lidar_outlier_filter.cli.main', 'compile', '--chain', 'sor')
     done = run(env, *command)
     assert done.returncode == 0
     assert done.stderr.endswith(': sor\ncompiled 1 of 1: sor\nthe kernels of sor are compiled\n')
-    assert list((tmp_path / PACKAGE.name).rglob('sor._average*.nbi'))
+    assert list(tmp_path.rglob('sor._average*.nbi'))
     assert run(env, '-c', LOADING, 'sor', 'sor,hierarchical').stdout == 'True\nFalse\n'
     assert run(env, *command).stderr == 'the kernels of sor are compiled\n'
 

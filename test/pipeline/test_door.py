@@ -32,13 +32,6 @@ def test_names_of_the_door() -> None:
         getattr(lidar_outlier_filter, 'detect')  # noqa: B009  a type checker knows better
 
 
-def modules() -> list[tuple[str, str]]:
-    """List the files of the package, and what is in them."""
-    package = ROOT / 'lidar_outlier_filter'
-    paths = sorted(package.rglob('*.py'))
-    return [(str(path.relative_to(ROOT)), path.read_text(encoding='utf-8')) for path in paths]
-
-
 def test_bits_are_described() -> None:
     """The documentation says the bit of every detector, in the order of the bits."""
     document = ' '.join((inspect.getdoc(detect_outliers) or '').split())
@@ -51,7 +44,8 @@ def test_examples_are_run() -> None:
     options = settings['tool']['pytest']['ini_options']
     assert '--doctest-modules' in options['addopts']
     folders = tuple(path for path in options['testpaths'] if path != 'test')
-    with_examples = [path for path, text in modules() if '>>> ' in text]
+    paths = sorted((ROOT / 'lidar_outlier_filter').rglob('*.py'))
+    with_examples = [str(p.relative_to(ROOT)) for p in paths if '>>> ' in p.read_text('utf-8')]
     assert len(with_examples) >= 9
     assert [path for path in with_examples if not path.startswith(folders)] == []
     assert all((ROOT / path).exists() for path in folders)

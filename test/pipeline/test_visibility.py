@@ -6,20 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.node import HealthLimits
-from lidar_outlier_filter.pipeline.visibility import (
-    BANDS,
-    MIN_SAMPLES,
-    SECTORS,
-    UNSEEN,
-    VIEWED,
-    SensorView,
-    SensorWatch,
-)
+from lidar_outlier_filter.pipeline import visibility as sight
 
 LIMITS = HealthLimits()
 WEAKEST = 1.2e-5  # echo that is detected, as reflectance ÷ m²
@@ -47,17 +39,14 @@ def street(seed: int, visibility: float = math.inf) -> Floats:
 
 def judged(rows: Floats, rejected: slice = slice(0)) -> StreamCloud:
     """Make a judged cloud."""
-    count = len(rows)
-    nothing = np.zeros(count, np.int64)
-    ring = rows[:, 3].astype(np.int64)
-    made = StreamCloud(Points(rows[:, :3].copy(), nothing, ring, np.ones(count, np.bool_)))
+    made = StreamCloud(points_of(rows[:, :3].copy(), line=rows[:, 3].astype(np.int64)))
     made.verdict.rejected[rejected] = True
     return made
 
 
-def watched(*turns: Floats, has_rings: bool = True) -> list[SensorView]:
+def watched(*turns: Floats, has_rings: bool = True) -> list[sight.SensorView]:
     """Take a sample for each turn."""
-    watch, found = SensorWatch(), []
+    watch, found = sight.SensorWatch(), []
     for rows in turns:
         watch.add(judged(rows), has_rings=has_rings)
         view = watch.sample(LIMITS)
@@ -78,9 +67,9 @@ def test_clean_streets_are_no_reason_to_warn() -> None:
     """Nothing is missing of what is usual, which is known after a while."""
     views = watched(*CLEAR)
     assert all(view.complaints(LIMITS) == [] for view in views)
-    assert all(math.isnan(view.visibility) for view in views[:MIN_SAMPLES])
-    assert all(view.visibility == math.inf for view in views[MIN_SAMPLES:])
-    assert all(np.nanmax(view.no_return) < 0.1 for view in views[MIN_SAMPLES:])
+    assert all(math.isnan(view.visibility) for view in views[: sight.MIN_SAMPLES])
+    assert all(view.visibility == math.inf for view in views[sight.MIN_SAMPLES :])
+    assert all(np.nanmax(view.no_return) < 0.1 for view in views[sight.MIN_SAMPLES :])
     assert np.isnan(views[0].no_return).all()
 
 
@@ -124,14 +113,14 @@ def test_narrower_scenes_are_no_fog() -> None:
 def test_rejected_by_sector_and_range() -> None:
     """Shares are of the points there; nothing of nothing is no share."""
     rows = np.array([[1.0, 0.1, 0, 0], [1, 0.1, 0, 0], [0.1, 20, 0, 0], [0, -7, 0, 1]])
-    watch = SensorWatch()
+    watch = sight.SensorWatch()
     watch.add(judged(rows, slice(1, 3)), has_rings=True)
     view = watch.sample(LIMITS)
     assert view is not None
-    expected = np.full((SECTORS, len(BANDS)), np.nan)
+    expected = np.full((sight.SECTORS, len(sight.BANDS)), np.nan)
     expected[0, 0], expected[5, 2], expected[18, 1] = 0.5, 1.0, 0.0
     np.testing.assert_array_equal(view.rejected, expected)
-    assert len(view.plotted()) == len(VIEWED) == len(UNSEEN)
+    assert len(view.plotted()) == len(sight.VIEWED) == len(sight.UNSEEN)
     assert watch.sample(LIMITS) is None
 
 
@@ -155,9 +144,9 @@ def test_without_rings_and_without_points() -> None:
 @pytest.mark.parametrize(('usual', 'dirty', 'count'), [(0.6, 0.6, 0), (0.6, 1.0, 0), (0.3, 0.9, 1)])
 def test_fog_is_not_taken_for_dirt(usual: float, dirty: float, count: int) -> None:
     """What most sectors miss is the fog; a sector is blind by what it misses beyond that."""
-    no_return = np.full(SECTORS, usual)
+    no_return = np.full(sight.SECTORS, usual)
     no_return[7] = dirty
-    view = SensorView(np.zeros((SECTORS, len(BANDS))), no_return, 20.0)
+    view = sight.SensorView(np.zeros((sight.SECTORS, len(sight.BANDS))), no_return, 20.0)
     said = view.complaints(LIMITS)
     assert said[0] == 'the visibility is 20 m'
     assert [one.count('°') for one in said[1:]] == [2] * count

@@ -168,7 +168,7 @@ def test_command(
 ) -> None:
     """Without --salvage the sentence of refusal names it; with it the exit status is 3."""
     path, output = copied(drives['mcap'], tmp_path), tmp_path / 'out'
-    path.write_bytes(path.read_bytes()[:20_000])
+    path.write_bytes(path.read_bytes()[:24_000])
     command = ['replay', str(path), '--output', str(output), '--set', 'chain=[sor]']
     assert main(command) == 1
     refusal = capsys.readouterr().err

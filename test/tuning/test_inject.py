@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
@@ -21,7 +22,7 @@ def road(clouds: int = 20, count: int = 2000, seed: int = 3) -> list[Points]:
         xyz = rng.uniform((i, -10, 0), (i + 1, 10, 0.01), (count, 3))
         t = i * SECOND // 10 + np.arange(count) * (SECOND // 10 // count)
         line = np.arange(count) // 100
-        made.append(Points(xyz, t, line, np.ones(count, np.bool_)))
+        made.append(points_of(xyz, t, line))
     return made
 
 

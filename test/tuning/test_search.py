@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 
-from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -59,8 +59,7 @@ def road(seed: int, lines: int = 60, shots: int = 300) -> Training:
         z[near] = middle[2] + rng.normal(0, 0.15, np.count_nonzero(near))
         bad |= near
     t = np.arange(count) * 10_000
-    valid = np.ones(count, np.bool_)
-    whole = Points(np.stack([x, y, z], axis=1), t, line, valid)
+    whole = points_of(np.stack([x, y, z], axis=1), t, line)
     clouds = [whole.take(line // 5 == i) for i in range(lines // 5)]
     return Training(tuple(clouds), bad, ~bad, np.arange(count) * 20 // count, 20)
 

@@ -3,9 +3,11 @@
 """The table of what can be tuned: complete, consistent, and true of the detectors themselves."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scans import road
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
@@ -34,16 +36,10 @@ FORMS: list[dict[str, object]] = [
 ]
 
 
-def street(count: int = 3000, seed: int = 5) -> Points:
-    """Make a few scan lines of a road with outliers above it, at 5 to 25 m from the sensor."""
-    rng = np.random.default_rng(seed)
-    line = np.arange(count) // 300
-    y = np.tile(np.linspace(-3, 3, 300), count // 300)
-    xyz = np.stack([10 + 0.1 * line, y, rng.normal(0, 0.01, count)], axis=1)
-    bad = rng.random(count) < 0.03
-    xyz[bad, 2] += rng.uniform(0.05, 2, np.count_nonzero(bad))
-    t = np.arange(count) * 10_000
-    return Points(xyz, t, line, np.ones(count, np.bool_))
+def street() -> Points:
+    """Measure a few scan lines of a road with points above it, 10 m from the sensor."""
+    points, _ = road(5, 10, 300, 0.03)
+    return replace(points, xyz=points.xyz + np.array([10.0, 0.0, 0.0]))
 
 
 def test_every_detector_can_be_tuned() -> None:

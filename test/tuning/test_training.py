@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.labelled import POINT, write
-from numpy.typing import NDArray
+from helpers.labelled import POINT, drive, write
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.core.detectors import sor
@@ -23,24 +22,6 @@ from lidar_outlier_filter.tuning.training import read_training, together
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 DEFAULTS = FilterParameters()
-
-
-def drive(clouds: int = 12, count: int = 400, seed: int = 2) -> list[NDArray[np.void]]:
-    """Make clouds of one scan line each, 0.1 s apart, with outliers and missing returns."""
-    rng = np.random.default_rng(seed)
-    made = []
-    for i in range(clouds):
-        cloud = np.zeros(count, POINT)
-        cloud['t'] = np.arange(count) * 200_000
-        cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
-        cloud['z'] = rng.normal(0, 0.01, count)
-        bad = rng.random(count) < 0.02
-        cloud['z'][bad] += rng.uniform(0.1, 2, np.count_nonzero(bad))
-        cloud['label'] = np.where(bad, Cause.EXHAUST, Cause.GOOD)
-        for axis in 'xyz':
-            cloud[axis][rng.random(count) < 0.01] = np.nan
-        made.append(cloud)
-    return made
 
 
 def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:

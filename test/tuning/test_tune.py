@@ -11,18 +11,15 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
-from helpers.labelled import POINT, write
+from helpers.labelled import drive, write
 from helpers.nodes import Ros
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, ros_lines
 from lidar_outlier_filter.recordings.replay import replay
@@ -52,26 +49,10 @@ RUN = [sys.executable, '-c', COMMAND]
 LINE = re.compile(r'ros2 param set /outlier_filter_node (\S+) (.+)')
 
 
-def drive(clouds: int = 30, count: int = 300, seed: int = 2) -> list[NDArray[np.void]]:
-    """Make clouds of one scan line each, 0.1 s apart, with outliers."""
-    rng = np.random.default_rng(seed)
-    made = []
-    for i in range(clouds):
-        cloud = np.zeros(count, POINT)
-        cloud['t'] = np.arange(count) * 200_000
-        cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
-        cloud['z'] = 0.1 * np.sin(cloud['y']) + rng.normal(0, 0.006, count)
-        bad = rng.random(count) < 0.03
-        cloud['z'][bad] += rng.uniform(0.02, 1, np.count_nonzero(bad))
-        cloud['label'] = np.where(bad, Cause.REFLECTION, Cause.GOOD)
-        made.append(cloud)
-    return made
-
-
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record a short drive whose outliers are labelled."""
-    return write(tmp_path_factory.mktemp('tune') / 'drive', {'/lidar': drive()})
+    return write(tmp_path_factory.mktemp('tune') / 'drive', {'/lidar': drive(30, 300)})
 
 
 @pytest.fixture(scope='module')
@@ -105,7 +86,7 @@ def test_figures_come_true(tuned: tuple[Path, str], bag: Path, tmp_path: Path) -
     row = re.search(r'^F1 +\S+ % +\S+ % +([\d.]+) % +([\d.]+) %', printed, re.MULTILINE)
     assert row is not None
     after, expected = (float(text) for text in row.groups())
-    other = write(tmp_path / 'other', {'/lidar': drive(seed=77)})
+    other = write(tmp_path / 'other', {'/lidar': drive(30, 300, seed=77)})
     figures = []
     for source, name in ((bag, 'a'), (other, 'b')):
         replay(source, tmp_path / name, parameters=read_yaml(output))
@@ -130,7 +111,7 @@ def test_the_node_loads_the_file(tuned: tuple[Path, str], ros: Ros) -> None:
 
 def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
     """A clean recording needs no labels; the file is beside it, and says what it comes from."""
-    clean = [cloud[cloud['label'] == 0] for cloud in drive()]
+    clean = [cloud[cloud['label'] == 0] for cloud in drive(30, 300)]
     bag = write(tmp_path / 'clean', {'/lidar': clean}, without='label')
     arguments = ['--inject', '0.02', '--inject-distance', '0.1', '3', '--seed', '4']
     assert main(['tune', str(bag), *arguments, *SEARCH, *SETTINGS]) == 0
@@ -147,7 +128,7 @@ def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -
 
 def test_several_recordings(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     """Whole ones are left out; the file is called after the first, and names all of them."""
-    paths = [str(write(tmp_path / f'd{i}', {'/lidar': drive(10, seed=i)})) for i in range(3)]
+    paths = [str(write(tmp_path / f'd{i}', {'/lidar': drive(10, 300, seed=i)})) for i in range(3)]
     assert main(['tune', *paths, *SEARCH]) == 0
     text = (tmp_path / 'd0_tuned.yaml').read_text(encoding='utf-8')
     assert text.startswith('# Tuned on d0, d1, d2: F1 ')
@@ -158,7 +139,7 @@ def test_several_recordings(bag: Path, tmp_path: Path, capsys: Capture) -> None:
 
 def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     """Clouds that the filter does not take are counted; else nothing is said."""
-    clouds = drive(8)
+    clouds = drive(8, 300)
     order = [0, 1, 2, 3, 5, 4, 6, 7]
     late = [to_message(number * 100_000_000, clouds[number]) for number in order]
     sentence = '1 of its clouds were refused by the filter, and not learnt from\n'

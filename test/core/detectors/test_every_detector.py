@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.neighbour_clouds import CLOUDS, corner, rotation, scattered
+from helpers.shapes import CLOUDS, corner, rotation, scattered
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter import detect_outliers

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from helpers.shapes import ball, circle_with_axis, exponential
 from naive import hierarchical as naive
 from numpy.typing import NDArray
 
@@ -13,6 +14,7 @@ from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import ClusterOutcome, detect
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
+RNG = np.random.default_rng(5)
 LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
 
 
@@ -45,13 +47,6 @@ def grid(*steps: int) -> Floats:
     """Put points on a grid of so many positions along each axis."""
     axes = np.meshgrid(*(np.arange(float(n)) for n in steps), indexing='ij')
     return np.stack([axis.ravel() for axis in axes], axis=1)
-
-
-def sphere(count: int) -> Floats:
-    """Put points on a sphere, and its centre behind them."""
-    points = np.random.default_rng(5).normal(size=(count, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    return np.concatenate([points, np.zeros((1, 3))])
 
 
 def settings(min_cluster: int, confidence: float = 0.99, local: float = 0.95) -> Hierarchical:
@@ -106,7 +101,7 @@ DEGENERATE = {
     'a cubic grid': grid(5, 5, 5),
     'a grid with holes': grid(6, 6, 6)[np.random.default_rng(4).random(216) < 0.5],
     'a circle': np.stack([np.cos(np.arange(50)), np.sin(np.arange(50)), np.zeros(50)], axis=1),
-    'a sphere and its centre': sphere(100),
+    'a sphere and its centre': np.append(ball(RNG, 100), np.zeros((1, 3)), axis=0),
     'two crossing lines': np.concatenate([LINE - LINE[30], LINE[:, [1, 0, 2]] - [0, 30, -1.0]]),
 }
 
@@ -129,27 +124,14 @@ def given(neighbourhood: Neighbourhood, ends: NDArray[np.int32]) -> set[tuple[in
     return edges
 
 
-def axis(count: int) -> Floats:
-    """Put half of the points on a circle, the other half on its axis."""
-    turn = np.linspace(0, 2 * np.pi, count // 2, endpoint=False)
-    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(count // 2)], axis=1)
-    z = np.linspace(-1, 1, count - count // 2)
-    return np.concatenate([circle, np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=1)])
-
-
-def geometric(count: int) -> Floats:
-    """Put points on a line, each a little farther from the last one; of 17 decimal digits."""
-    return np.stack([np.geomspace(1e-9, 1e8, count), *np.zeros((2, count))], axis=1)
-
-
 GRAPHS = {
     **DEGENERATE,
     # Houses see each other, so that edges are long and short.
     'a street': np.round(street(0, 250), 3),
     'a street, far off': np.round(street(1, 250), 3) + 5e6,
     # Points hide each other badly.
-    'an axis': axis(600),
-    'a geometric line': geometric(600),
+    'an axis': circle_with_axis(RNG, 600),
+    'an exponential line': exponential(RNG, 600),
 }
 
 

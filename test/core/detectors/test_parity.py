@@ -11,8 +11,8 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from helpers.neighbour_clouds import corner, scattered, sheet
-from rosbags.highlevel import AnyReader
+from helpers.drives import first_cloud
+from helpers.shapes import corner, scattered, sheet
 from sklearn.neighbors import LocalOutlierFactor
 
 from lidar_outlier_filter.core.annotations import Floats
@@ -25,10 +25,7 @@ from lidar_outlier_filter.messages.cloud import structured
 
 def first_sweep(path: Path) -> Floats:
     """Read the returns of the first cloud of a recording."""
-    with AnyReader([path]) as reader:
-        clouds = [one for one in reader.connections if one.msgtype.endswith('/PointCloud2')]
-        connection, _, data = next(reader.messages(clouds))
-        rows = structured(reader.deserialize(data, connection.msgtype)).reshape(-1)
+    rows = structured(first_cloud(path)).reshape(-1)
     xyz = np.stack([rows[axis].astype(np.float64) for axis in 'xyz'], axis=1)
     return xyz[is_return(xyz)]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.neighbour_clouds import CLOUDS
+from helpers.shapes import CLOUDS
 from naive import sor as naive
 from numpy.testing import assert_allclose
 

@@ -4,21 +4,19 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
 import pytest
 from helpers.nodes import Ros, flush, line, process
 from helpers.profile_scanner import SHOTS, Drive, Moving
-from helpers.streams import BLOCK, HALO, Census, number_of, points_at, stream
+from helpers.streams import BLOCK, HALO, TaggedCloud, held, number_of, points_at, push, stream
 from naive import blocks as naive
 
 from lidar_outlier_filter.core.engine.blocks import MAX_BLOCKS_PER_CLOUD
-from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.points.points import SECOND, Points
-from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 
 REFUSALS = {
     '': '',
@@ -41,22 +39,15 @@ def next_times(rng: np.random.Generator, twin: naive.Blocks, span: int) -> list[
     return [None if rng.random() < 0.1 else t for t in times.tolist()]
 
 
-def raises(near: Sequence[int] | None) -> bool:
-    """Return whether the chain raises an error in a block of these times."""
+def fails(near: Sequence[int] | None) -> bool:
+    """Return whether the chain fails on a block of these times."""
     return near is not None and number_of(near) % 8 == 0
 
 
-@dataclass
-class Raising(Census):
-    """A census that raises errors in some blocks, or in none."""
-
-    is_raising: bool = False
-
-    def judge(self, points: Points) -> Verdict:
-        """Score every point, or raise."""
-        if self.is_raising and raises(points.t.tolist()):
-            raise ValueError
-        return super().judge(points)
+def check(times: Sequence[int]) -> None:
+    """Raise an error on such a block."""
+    if fails(times):
+        raise ValueError
 
 
 @pytest.mark.parametrize('kind', ['time', 'message', 'auto'])
@@ -67,11 +58,11 @@ def test_naive(kind: str, seed: int) -> None:
     halo, lateness = int(rng.choice([0, HALO])), int(rng.choice([0, 2 * BLOCK]))
     jump, most = int(rng.choice([5, 60])) * BLOCK, int(rng.choice([9, 40, 10**6]))
     given = {'halo': halo / SECOND, 'lateness': lateness / SECOND, 'time_jump': jump / SECOND}
-    made, _ = stream(blocks=kind, max_points=most, **given)
-    made.stream.chain = cast('Chain', Raising(is_raising=seed % 2 == 1))
+    made, census = stream(blocks=kind, max_points=most, **given)
+    census.check = check if seed % 2 else len
     twin = naive.Blocks(kind, BLOCK, halo, lateness, jump, most)
     span = int(rng.choice([HALO // 4, BLOCK // 4, BLOCK]))
-    results: list[tuple[Any, Verdict]] = []
+    results: list[TaggedCloud] = []
     refused: set[str] = set()
     for number in range(250):
         if (chance := rng.random()) < 0.04:
@@ -86,23 +77,23 @@ def test_naive(kind: str, seed: int) -> None:
             points = points_at([t or 0 for t in times], [t is None for t in times])
             said = ''
             try:
-                results += made.push(points, number)
+                results += push(made, points, number)
             except CloudError as err:
                 said = str(err)
                 results += made.take_finished()
             assert said.startswith(REFUSALS[reason])
             assert bool(said) == bool(reason)
             refused.add(reason)
-        assert (made.held, made.resets) == (twin.held(), twin.resets)
-        assert (made.waiting, made.stream.by_message) == (len(twin.pending), twin.by_message)
-        assert [tag for tag, _ in results] == [cloud.tag for cloud in twin.results]
-        for (tag, verdict), cloud in zip(results, twin.results, strict=True):
-            is_failed = seed % 2 == 1 and any(map(raises, cloud.verdict))
-            assert (tag in made.errors) == is_failed
+        assert (held(made), made.resets) == (twin.held(), twin.resets)
+        assert (len(made.pending), made.by_message) == (len(twin.pending), twin.by_message)
+        assert [cloud.tag for cloud in results] == [cloud.tag for cloud in twin.results]
+        for found, cloud in zip(results, twin.results, strict=True):
+            is_failed = seed % 2 == 1 and any(map(fails, cloud.verdict))
+            assert (found.error is not None) == is_failed
             expected = [
                 np.nan if is_failed or near is None else number_of(near) for near in cloud.verdict
             ]
-            np.testing.assert_array_equal(verdict.score, np.array(expected, np.float32))
+            np.testing.assert_array_equal(found.verdict.score, np.array(expected, np.float32))
         results, twin.results = [], []
     assert refused >= ({'late'} if kind == 'time' else {''}) | ({'held'} if most < 40 else set())
 
@@ -110,10 +101,10 @@ def test_naive(kind: str, seed: int) -> None:
 def test_blocks_are_judged_in_order() -> None:
     """Each occupied block once, where its halo has passed; points stay in the order of arrival."""
     made, census = stream()
-    made.push(points_at([9, BLOCK - 1]), 'a')
-    made.push(points_at([3, BLOCK + HALO - 1]), 'b')
+    push(made, points_at([9, BLOCK - 1]), 'a')
+    push(made, points_at([3, BLOCK + HALO - 1]), 'b')
     assert census.blocks == []
-    made.push(points_at([2**61]), 'c')
+    push(made, points_at([2**61]), 'c')
     made.flush()
     halo = [BLOCK - 1, BLOCK + HALO - 1]
     assert census.blocks == [[9, BLOCK - 1, 3, BLOCK + HALO - 1], halo, [2**61]]
@@ -122,10 +113,10 @@ def test_blocks_are_judged_in_order() -> None:
 def test_how_late_a_cloud_is() -> None:
     """In seconds, for the log."""
     made, _ = stream()
-    made.push(points_at([5, 3 * BLOCK]))
+    push(made, points_at([5, 3 * BLOCK]))
     sentence = REFUSALS['late'] + ' what is judged already, got a point 0.002000 s older than that'
     with pytest.raises(CloudError, match=f'^{re.escape(sentence)}$'):
-        made.push(points_at([BLOCK]))
+        push(made, points_at([BLOCK]))
 
 
 @pytest.mark.parametrize(
@@ -135,14 +126,14 @@ def test_what_blocks_auto_has_chosen(span: int, says: str) -> None:
     """Said once; a refused message decides nothing; a new stream chooses anew."""
     made, _ = stream(blocks='auto', max_points=6)
     said: list[str] = []
-    made.stream.inform = said.append
+    made.inform = said.append
     for times, refusal in (([0] * 7, 'points held'), ([0, 2 * MAX_BLOCKS_PER_CLOUD * BLOCK], 'sp')):
         with pytest.raises(CloudError, match=refusal):
-            made.push(points_at(times))
+            push(made, points_at(times))
     for _ in range(2):
-        assert len(made.push(points_at([]))) == 1
+        assert len(push(made, points_at([]))) == 1
         for number in range(4):
-            made.push(points_at([number * BLOCK, number * BLOCK + span]))
+            push(made, points_at([number * BLOCK, number * BLOCK + span]))
         made.flush()
     assert [text.startswith(f'blocks: {says}') for text in said] == [True, True]
     assert said[0].endswith(f'because a message spans {span / SECOND:.3g} s')
@@ -151,9 +142,9 @@ def test_what_blocks_auto_has_chosen(span: int, says: str) -> None:
 def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
     """Exactly ``MAX_BLOCKS_PER_CLOUD``; a nanosecond more is refused."""
     made, _ = stream()
-    made.push(points_at([0, MAX_BLOCKS_PER_CLOUD * BLOCK]))
+    push(made, points_at([0, MAX_BLOCKS_PER_CLOUD * BLOCK]))
     with pytest.raises(CloudError, match=r'^the time that a cloud spans must be at most'):
-        made.push(points_at([0, MAX_BLOCKS_PER_CLOUD * BLOCK + 1]))
+        push(made, points_at([0, MAX_BLOCKS_PER_CLOUD * BLOCK + 1]))
 
 
 # Clouds that wait for their poses ---------------------------------------------------------------
@@ -198,3 +189,14 @@ def test_live(ros: Ros) -> None:
     assert process(node, line(0.04), 2) == []
     assert [result.tag for result in flush(node)] == [2]
     assert node.channels[0].statistics.refused == 1
+
+
+def test_a_refused_cloud_begins_no_scan_line() -> None:
+    """The next cloud has the line that it would have had: the third of three."""
+    values = {'line_source': 'message', 'chain': ('alpha_beta_gamma',), 'block': 0.02, 'halo': 0.0}
+    clean = Pipeline(FilterParameters().changed(values))
+    clean.process(line(0.5))
+    clean.process(line(0.6))
+    with pytest.raises(CloudError, match=r'^the time of a cloud must be at or after'):
+        clean.process(line(0.4))
+    assert clean._decoder.decode(line(0.62)).line.tolist() == [3] * 100

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import scans
 from helpers.detectors import BITS
 from helpers.programs import Program
 
@@ -32,19 +33,9 @@ def parameters(*chain: str, **values: object) -> FilterParameters:
     return FilterParameters().changed({'chain': chain} | values)
 
 
-def road(seed: int = 0, lines: int = 40, shots: int = 100) -> Points:
-    """Make scan lines over a road with 1 % of the points up to two metres above it."""
-    rng = np.random.default_rng(seed)
-    xyz = np.empty((lines * shots, 3))
-    xyz[:, 0] = np.repeat(np.arange(lines) * 0.05, shots)
-    xyz[:, 1] = np.tile(np.linspace(-2.0, 2.0, shots), lines)
-    xyz[:, 2] = -2.0
-    xyz += rng.normal(0, 0.005, xyz.shape)
-    stray = rng.random(len(xyz)) < 0.01
-    xyz[stray, 2] += rng.uniform(0.3, 2.0, np.count_nonzero(stray))
-    t = np.arange(len(xyz)) * 10_000
-    line = np.repeat(np.arange(lines), shots)
-    return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
+def road(seed: int = 0) -> Points:
+    """Measure 40 lines of a road, 1 % of whose points hang above it."""
+    return scans.road(seed, 40, 100, 0.01)[0]
 
 
 def judge(points: Points, *chain: str, **values: object) -> Verdict:
@@ -154,9 +145,8 @@ def test_the_second_phase_has_no_vote() -> None:
 )
 def test_every_form(name: str, extra: dict[str, Any]) -> None:
     """Each form of a detector is reached by its parameters, and finds the strays."""
-    points = road(6, lines=20)
+    points, stray = scans.road(6, 20, 100, 0.01)
     verdict = judge(points, name, **extra)
-    stray = points.xyz[:, 2] > -1.7
     assert np.count_nonzero(verdict.rejected & stray) > 0.4 * np.count_nonzero(stray)
     assert np.count_nonzero(verdict.rejected & ~stray) < 0.2 * len(points)
     assert not np.array_equal(verdict.score, judge(points, name).score, equal_nan=True)

@@ -4,10 +4,9 @@
 
 import gc
 import weakref
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,14 +15,12 @@ from helpers.drives import content
 from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
 from helpers.replays import check_outputs, write_drive
 from helpers.replays import cloud as sweep
-from helpers.streams import BLOCK, HALO, Census, TaggedStream, points_at, stream
+from helpers.streams import BLOCK, HALO, TaggedCloud, held, points_at, push, stream
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.builtin import Sor
-from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
@@ -35,45 +32,36 @@ FAR = 1000.0  # metres; the detector of these tests raises at a point farther aw
 SHORT = {'chain': ['sor'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
 
 
-@dataclass
-class Raising(Census):
-    """A census that raises an error in blocks that see one of some times."""
+def raising(error: Exception, at: int) -> Blocks[TaggedCloud]:
+    """Make a stream with short blocks whose chain raises in those that see a time."""
 
-    bad: set[int] = field(default_factory=set)
-    error: Exception = field(default_factory=ValueError)
+    def check(times: list[int]) -> None:
+        if at in times:
+            raise error
 
-    def judge(self, points: Points) -> Verdict:
-        """Score every point, or raise."""
-        if self.bad & set(points.t.tolist()):
-            raise self.error
-        return super().judge(points)
-
-
-def raising(bad: Sequence[int], error: Exception, **values: object) -> tuple[TaggedStream, Raising]:
-    """Make a stream with short blocks whose chain raises."""
-    made, _ = stream(**values)
-    chain = Raising(bad=set(bad), error=error)
-    made.stream.chain = cast('Chain', chain)
-    return made, chain
+    made, census = stream()
+    census.check = check
+    return made
 
 
 def test_frames_that_are_judged_apart_share_their_block() -> None:
     """The block is what an error costs, whatever the frames in it."""
-    made, _ = raising([5], ValueError())
-    made.push(points_at([4]), 'moved')
-    made.push(points_at([5]), 'own', frame='own')
-    outputs = made.push(points_at([BLOCK + HALO]), 'next') + made.flush()
-    kinds = [(tag, tag in made.errors) for tag, _ in outputs]
+    made = raising(ValueError(), 5)
+    push(made, points_at([4]), 'moved')
+    push(made, points_at([5]), 'own', 'own')
+    outputs = push(made, points_at([BLOCK + HALO]), 'next') + made.flush()
+    kinds = [(cloud.tag, cloud.error is not None) for cloud in outputs]
     assert kinds == [('moved', True), ('own', True), ('next', False)]
 
 
 @pytest.mark.parametrize('error', RAISED, ids=lambda error: type(error).__name__)
 def test_the_error_is_told(error: Exception) -> None:
     """In one sentence, with its place and its traceback, and without the points."""
-    made, _ = raising([5], error)
-    made.push(points_at([5]), 'cloud')
-    made.flush()
-    result = made.errors['cloud']
+    made = raising(error, 5)
+    push(made, points_at([5]))
+    (cloud,) = made.flush()
+    result = cloud.error
+    assert result is not None
     sentence = str(result)
     assert sentence.startswith('detection must be free of errors, got ')
     assert type(error).__name__ in sentence
@@ -85,19 +73,22 @@ def test_the_error_is_told(error: Exception) -> None:
 
 def test_nothing_is_kept_of_a_block_that_failed() -> None:
     """Neither its points nor its messages, however many there are."""
-    made, chain = raising([], ValueError())
+
+    def check(_: list[int]) -> None:
+        raise ValueError
+
+    made, census = stream()
+    census.check = check
     seen: list[weakref.ref[Any]] = []
     for number in range(100):
         points = points_at([number * BLOCK])
-        chain.bad = {number * BLOCK}
-        chain.blocks.clear()
-        chain.error = ValueError()
+        census.blocks.clear()
         seen.append(weakref.ref(points.xyz))
-        made.push(points, number)
+        push(made, points)
         del points
     gc.collect()
     assert sum(points() is not None for points in seen) <= 4
-    assert made.held <= 4
+    assert held(made) <= 4
 
 
 # Clouds -----------------------------------------------------------------------------------------

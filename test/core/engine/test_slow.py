@@ -17,12 +17,13 @@ from helpers.drives import content
 from helpers.nodes import Ros, line, receive
 from helpers.replays import cloud as sweep
 from helpers.replays import write_drive
+from helpers.scans import points_of
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.engine.slow import SlowDetector, watched
 from lidar_outlier_filter.core.kernels import listeners
-from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.pipeline.compiling import COUNT
 from lidar_outlier_filter.pipeline.library import CloudFilter
 
@@ -30,6 +31,7 @@ LONGEST = 30.0  # seconds that a test waits for what must come
 VALUES = {'chain': ('sor',), 'blocks': 'message', 'halo': 0.0, 'max_delay': 0.001}
 NEVER = {**VALUES, 'max_delay': 60.0}
 SENTENCE = 'sor takes more than 0.01 s for '
+POINTS = points_of(np.ones((3, 3)))
 
 
 @pytest.fixture
@@ -92,12 +94,11 @@ def test_it_is_said_while_it_runs(held: threading.Event) -> None:
 def test_who_is_in_time_is_not_named() -> None:
     """Neither a detector that ends in time, nor one that ends without anybody who asks."""
     noted: list[SlowDetector] = []
-    points = Points(np.ones((3, 3)), np.arange(3), np.zeros(3, np.int64), np.ones(3, np.bool_))
-    with watched('late', 0.001, points, noted.append):
+    with watched('late', 0.001, POINTS, noted.append):
         done = threading.Event()
-        with watched('later', 0.05, points, lambda _: done.set()):
+        with watched('later', 0.05, POINTS, lambda _: done.set()):
             assert done.wait(LONGEST)
-        with watched('in time', 60.0, points, noted.append), watched('nobody', 0.0, points, None):
+        with watched('in time', 60.0, POINTS, noted.append), watched('nobody', 0.0, POINTS, None):
             pass
     assert [one.name for one in noted] == ['late']
 
@@ -106,28 +107,26 @@ def test_what_is_said_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error of what is called with it ends nothing: the next one is watched as well."""
     raised = threading.Event()
     monkeypatch.setattr(threading, 'excepthook', lambda _: raised.set())
-    points = Points(np.ones((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool))
 
     def fail(_slow: SlowDetector) -> None:
         raise ValueError
 
-    with watched('first', 0.001, points, fail):
+    with watched('first', 0.001, POINTS, fail):
         assert raised.wait(LONGEST)
     said = threading.Event()
-    with watched('second', 0.001, points, lambda _: said.set()):
+    with watched('second', 0.001, POINTS, lambda _: said.set()):
         assert said.wait(LONGEST)
 
 
 def test_in_a_process_that_was_forked_off() -> None:
     """It has a watcher of its own."""
-    points = Points(np.ones((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool))
     said = threading.Event()
-    with watched('parent', 0.001, points, lambda _: said.set()):
+    with watched('parent', 0.001, POINTS, lambda _: said.set()):
         assert said.wait(LONGEST)
     child = os.fork()
     if child == 0:
         said.clear()
-        with watched('child', 0.001, points, lambda _: said.set()):
+        with watched('child', 0.001, POINTS, lambda _: said.set()):
             os._exit(0 if said.wait(LONGEST) else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
@@ -179,9 +178,6 @@ def test_clean(tmp_path: Path, held: threading.Event, monkeypatch: pytest.Monkey
 
 def test_compiling_is_not_slow() -> None:
     """A block for which a kernel is compiled is not said to take too long; the next one is."""
-    points = Points(
-        np.zeros((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool)
-    )
     said: list[SlowDetector] = []
     reported = threading.Event()
 
@@ -190,10 +186,10 @@ def test_compiling_is_not_slow() -> None:
         reported.set()
 
     before = list(listeners)
-    with watched('compiling', 0.1, points, say):
+    with watched('compiling', 0.1, POINTS, say):
         for listener in tuple(listeners):
             listener('a module')
-        with watched('next', 0.2, points, say):
+        with watched('next', 0.2, POINTS, say):
             assert reported.wait(LONGEST)
     assert [one.name for one in said] == ['next']
     assert listeners == before

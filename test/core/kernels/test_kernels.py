@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Medians in kernels are numpy's, and Python calls only kernels that it can call."""
+"""Medians are numpy's, vectors have the bits of loops, and Python calls only what it can call."""
 
 from time import process_time
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.kernels.kernels import (
     device_function,
     kernel,
@@ -15,6 +16,22 @@ from lidar_outlier_filter.core.kernels.kernels import (
     noalias_kernel,
     select,
 )
+from lidar_outlier_filter.core.kernels.vectors import (
+    WIDTH,
+    count,
+    least,
+    load,
+    most,
+    no_counts,
+    repeat,
+    root,
+    single,
+    store,
+)
+from lidar_outlier_filter.core.kernels.vectors import select as choose
+
+TWO = np.float32(2.0)
+SPECIAL = [np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, 3.4e38, 1.0, -1.0]
 
 
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
@@ -56,6 +73,11 @@ def _double(value: float) -> float:
     return 2.0 * value
 
 
+@noalias_kernel
+def _fill(values: NDArray[np.float32]) -> None:
+    values[:] = 1.0
+
+
 @kernel
 def _quadruple(value: float) -> float:
     return _double(_double(value))
@@ -63,34 +85,46 @@ def _quadruple(value: float) -> float:
 
 def test_python_cannot_call_a_device_function() -> None:
     """It has no entry that could be called, and says so, compiled or not."""
-    sentence = r'^_double is a device function: only kernels can call it$'
-    with pytest.raises(TypeError, match=sentence):
-        _double(1.0)
-    assert _quadruple(3.0) == 12.0
-    with pytest.raises(TypeError, match='_double is a device function'):
-        _double(1.0)
-
-
-@noalias_kernel
-def _add_rows(rows: NDArray[np.float32], total: NDArray[np.float32]) -> None:
-    for lane in range(len(total)):
-        for row in range(len(rows)):
-            total[lane] += rows[row, lane]
+    for _ in range(2):
+        with pytest.raises(TypeError, match=r'^_double is a device function: only kernels can'):
+            _double(1.0)
+        with pytest.raises(TypeError, match='_fill is a device function'):
+            _fill(np.zeros(3, np.float32))
+        assert _quadruple(3.0) == 12.0
 
 
 @kernel
-def _sums(rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    total = np.zeros(rows.shape[1], np.float32)
-    _add_rows(rows[1:], total)
-    return total
+def _calculate(a: Singles, b: Singles, wide: NDArray[np.float64], out: Singles) -> None:
+    x, y = load(a, 0), load(b, 0)
+    counts = count(count(no_counts(), x < y), (x <= TWO) & (y > x))
+    rows = (
+        *(x + y, x - TWO, TWO * x * y, x / y, abs(x), least(x, y), most(x, y)),
+        *(choose(x < y, x, TWO), single(load(wide, 0) - load(wide, WIDTH)), single(counts)),
+        *(repeat(TWO), root(abs(x))),
+    )
+    for row in range(len(rows)):
+        store(out, row * WIDTH, rows[row])
 
 
-def test_a_noalias_kernel() -> None:
-    """It writes what any other would; Python cannot call it."""
-    rows = np.random.default_rng(1).normal(size=(5, 32)).astype(np.float32)
-    expected = np.zeros(32, np.float32)
-    for row in rows[1:]:
-        expected += row
-    np.testing.assert_array_equal(_sums(rows), expected)
-    with pytest.raises(TypeError, match='_add_rows is a device function'):
-        _add_rows(rows, expected)
+@pytest.mark.parametrize('seed', range(20))
+def test_each_element_has_the_bits_of_a_loop(seed: int) -> None:
+    """Also of NaN, zeros, subnormal and equal numbers."""
+    rng = np.random.default_rng(seed)
+    some = np.array([*SPECIAL, *rng.normal(size=5)], np.float32)
+    a, b = rng.choice(some, (2, WIDTH))
+    wide = rng.normal(size=2 * WIDTH) * 1e3
+    out = np.empty((12, WIDTH), np.float32)
+    _calculate(a, b, wide, out)
+    for lane, (x, y) in enumerate(zip(a, b, strict=True)):
+        with np.errstate(all='ignore'):
+            expected = [
+                *(x + y, x - TWO, TWO * x * y, x / y, np.abs(x)),
+                *(min(x, y), max(x, y), x if x < y else TWO),
+                np.float32(wide[lane] - wide[lane + WIDTH]),
+                np.float32(int(x < y) + int(x <= TWO and y > x)),
+                *(TWO, np.sqrt(np.abs(x))),
+            ]
+        for got, number in zip(out[:, lane], expected, strict=True):
+            # The sign of NaN is arbitrary.
+            same = np.isnan(got) and np.isnan(number)
+            assert same or np.float32(got).tobytes() == np.float32(number).tobytes()

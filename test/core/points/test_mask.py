@@ -10,15 +10,7 @@ from helpers.own_vehicle import turn
 from naive.mask import covered
 
 from lidar_outlier_filter.core.annotations import Rows
-from lidar_outlier_filter.core.points.mask import (
-    COLUMNS,
-    HEAD,
-    NAMES,
-    Mask,
-    MaskLearner,
-    as_text,
-    read_mask,
-)
+from lidar_outlier_filter.core.points import mask as masks
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
@@ -30,7 +22,7 @@ def points_of(rows: Rows) -> Points:
     return Points(xyz, rows['t'].astype(np.int64), line, np.ones(len(rows), np.bool_))
 
 
-def drawn(seed: int) -> tuple[Mask, Points, dict[tuple[int, int], tuple[float, float]]]:
+def drawn(seed: int) -> tuple[masks.Mask, Points, dict[tuple[int, int], tuple[float, float]]]:
     """Draw a mask, and points many of which lie at its edges."""
     rng = np.random.default_rng(seed)
     cells: dict[tuple[int, int], tuple[float, float]] = {}
@@ -38,7 +30,7 @@ def drawn(seed: int) -> tuple[Mask, Points, dict[tuple[int, int], tuple[float, f
         near, ring, first = float(rng.integers(1, 8)), int(rng.integers(0, 4)), rng.integers(0, 720)
         for column in range(first, first + 3):
             cells[ring, int(column) % 720] = near, near + float(rng.integers(0, 2))
-    mask = Mask.nothing(4)
+    mask = masks.Mask.nothing(4)
     for cell, (near, far) in cells.items():
         mask.near[cell], mask.far[cell] = near, far
     count = 3000
@@ -65,15 +57,15 @@ def test_file_says_all_of_a_mask(tmp_path: Path) -> None:
     """A mask is read as it was written, to the millimetre."""
     mask, *_ = drawn(1)
     path = tmp_path / 'car.csv'
-    path.write_text(as_text(mask))
-    again = read_mask(path)
+    path.write_text(masks.as_text(mask))
+    again = masks.read_mask(path)
     np.testing.assert_array_equal(again.near, mask.near)
     np.testing.assert_array_equal(again.far, mask.far)
-    path.write_text(as_text(Mask.nothing(3)))
-    assert read_mask(path).near.shape == (0, COLUMNS)
+    path.write_text(masks.as_text(masks.Mask.nothing(3)))
+    assert masks.read_mask(path).near.shape == (0, masks.COLUMNS)
 
 
-GOOD = f'{HEAD}\n{NAMES}\n'
+GOOD = f'{masks.HEAD}\n{masks.NAMES}\n'
 
 
 @pytest.mark.parametrize(
@@ -100,12 +92,12 @@ def test_hostile_files_are_refused(
     if content is not None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     with pytest.raises(ParameterError, match=sentence.replace('(', r'\(')):
-        read_mask(path)
+        masks.read_mask(path)
 
 
 def test_learns_the_vehicle_and_not_the_road() -> None:
     """The road stays where it is, too, under a vehicle that goes straight on; it is no vehicle."""
-    learner = MaskLearner(10.0)
+    learner = masks.MaskLearner(10.0)
     for number in range(12):
         assert learner.add(points_of(turn(number)))
     mask = learner.learn()
@@ -118,7 +110,7 @@ def test_learns_the_vehicle_and_not_the_road() -> None:
 
 def test_learns_for_hours() -> None:
     """At 10 turns a second, 65 536 of them take less than two hours."""
-    learner = MaskLearner(10.0)
+    learner = masks.MaskLearner(10.0)
     for number in range(4):
         learner.add(points_of(turn(number)))
     short = learner.learn()
@@ -132,7 +124,7 @@ def test_learns_for_hours() -> None:
 @pytest.mark.parametrize('kind', ['at other ranges', 'in too few turns'])
 def test_what_passes_by_is_no_vehicle(kind: str) -> None:
     """What is there in two turns of twelve, or at one of three ranges in each, does not stay."""
-    learner = MaskLearner(20.0)
+    learner = masks.MaskLearner(20.0)
     for number in range(12):
         rows = turn(number)
         passing = rows['ring'] == 14
@@ -146,11 +138,11 @@ def test_what_passes_by_is_no_vehicle(kind: str) -> None:
 
 def test_turns_from_one_position_do_not_count() -> None:
     """A vehicle that stands learns nothing, though all stays where it is."""
-    learner = MaskLearner(10.0)
+    learner = masks.MaskLearner(10.0)
     assert [learner.add(points_of(turn(n, place=0))) for n in range(5)] == [True] + [False] * 4
     assert (learner.turns, learner.taken) == (5, 1)
     # Odometry counts before the scene: a road through a desert shows no change.
-    there = MaskLearner(10.0)
+    there = masks.MaskLearner(10.0)
     taken = [
         there.add(points_of(turn(n, place=0)), np.array([0.4 * n, 0.0, 0.0])) for n in range(8)
     ]
@@ -159,8 +151,8 @@ def test_turns_from_one_position_do_not_count() -> None:
 
 def test_nothing_is_learnt_of_nothing() -> None:
     """Without points there is no mask; a line that is no ring is refused."""
-    assert MaskLearner(10.0).learn().near.shape == (0, COLUMNS)
-    learner = MaskLearner(10.0)
+    assert masks.MaskLearner(10.0).learn().near.shape == (0, masks.COLUMNS)
+    learner = masks.MaskLearner(10.0)
     assert not learner.add(points_of(turn(0)[:0]))
     rows = turn(0)
     rows['ring'][7] = 1024

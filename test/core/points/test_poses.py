@@ -68,17 +68,15 @@ def test_naive(seed: int) -> None:
 
 
 def test_covered() -> None:
-    """From the first pose to the last, both included, except between two that are far apart."""
+    """From the first pose to the last, both included, except between two that are far apart.
+
+    What is before the last will not get another one.
+    """
     made = track(*((seconds, (0.0,) * 3 + LEVEL) for seconds in (0.0, 0.5, 1.0, 2.1, 2.5)))
     assert covered(made, 0.0, 0.2, 0.5, 0.7, 1.0) == [True] * 5
     assert covered(made, -1e-9, 1.0 + 1e-9, 1.5, 2.1 - 1e-9, 2.5 + 1e-9) == [False] * 5
     assert covered(made, 2.1, 2.2, 2.5) == [True] * 3
     assert covered(Track(1.0, 1.0), 0.0) == [False]
-
-
-def test_reaches() -> None:
-    """Up to the last pose; what is before it will not get another one."""
-    made = track((0.0, (0.0,) * 3 + LEVEL), (2.5, (0.0,) * 3 + LEVEL))
     assert [made.reaches(START + t) for t in (-SECOND, 0, SECOND, 5 * SECOND // 2)] == [True] * 4
     assert not made.reaches(START + 5 * SECOND // 2 + 1)
     assert not Track(1.0, 1.0).reaches(START)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 from naive import alpha_beta_gamma as naive
 from numpy.typing import NDArray
 
@@ -18,19 +19,13 @@ from lidar_outlier_filter.core.points.scan_lines import (
 )
 
 
-def points_of(t: Sequence[int], line: Sequence[int]) -> Points:
-    """Make points of which only time and line matter."""
-    times, lines = np.array(t, np.int64), np.array(line, np.int64)
-    return Points(np.zeros((len(times), 3)), times, lines, np.ones(len(times), np.bool_))
-
-
 def random_points(seed: int) -> Points:
     """Make lines with gaps and ties, in order of time, of line, or of nothing."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 300))
     t = rng.choice([0, 1, 10, 10, 10, 10, 15, 16, 100], count).cumsum() - 1000
     line = rng.integers(0, rng.integers(1, 12), count)
-    points = points_of(t.tolist(), line.tolist())
+    points = points_of(np.zeros((count, 3)), t, line)
     orders = [np.arange(count), np.lexsort((t, line)), rng.permutation(count)]
     return points.take(orders[seed % 3])
 
@@ -68,7 +63,7 @@ def test_against_loops(seed: int) -> None:
 @pytest.mark.parametrize('numbers', [(-(2**62), 2**62), (0, 10**9), (-5, -3)])
 def test_odd_line_numbers(numbers: tuple[int, int]) -> None:
     """Lines may be numbered in any way: far apart, negative, beyond 32 bits."""
-    points = points_of([3, 2, 1, 0], [numbers[1], numbers[0]] * 2)
+    points = points_of(np.zeros((4, 3)), np.arange(4)[::-1], np.array(numbers[::-1] * 2))
     assert order_by_line(points).tolist() == [3, 1, 2, 0]
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
@@ -34,7 +35,7 @@ def turn_of_a_head(offsets: float = 0.0) -> Points:
     far += rng.normal(0.0, 0.01, len(far))
     falls = rng.random(len(far)) < 0.01
     far[falls] *= rng.uniform(0.2, 0.8, np.count_nonzero(falls))
-    return Points(ray * far[:, None], t, ring, np.ones(len(t), np.bool_))
+    return points_of(ray * far[:, None], t, ring)
 
 
 def moved(points: Points, away: float = 0.0) -> Points:

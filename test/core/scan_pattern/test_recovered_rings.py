@@ -1,32 +1,29 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rings recovered from elevation: measured rings are found, and no others."""
+"""Rings recovered from elevation: measured rings are found, and no others; bands elsewhere."""
 
 import csv
 import json
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 import pytest
 import yaml
 from helpers.cloud_files import columns
+from helpers.drives import first_cloud
+from helpers.scans import points_of
 from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.annotations import Floats, Ints
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
-    BAND_RAD,
-    find_origin,
-    find_peaks,
-    is_far,
-    recover_rings,
-    spread,
-)
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
+from lidar_outlier_filter.core.scan_pattern import recovered_rings as rings
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, describe_file
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.recordings.bags import Recording
 
 HELIOS = 'helios_1691141763462381376.pcd'
 TABLES = ('Pandar40P.csv', 'Pandar64.csv', 'PandarQT128.csv', 'Pandar128E4X.csv', 'VLP32.yaml')
@@ -78,7 +75,7 @@ def test_rings_of_tables(real_data: Path, name: str) -> None:
     """However unevenly a sensor's rings are spaced, each of its points is in its own."""
     elevations = table(real_data / 'ring_tables' / name)
     xyz, ring = room(elevations)
-    assert share_right(recover_rings(xyz), ring) > 0.999
+    assert share_right(rings.recover_rings(xyz), ring) > 0.999
 
 
 @pytest.mark.parametrize('grid', [0.001, 0.01])
@@ -86,7 +83,7 @@ def test_rounded_coordinates(grid: float) -> None:
     """Coordinates may be rounded, as those of some files are."""
     xyz, ring = room(np.array(EVEN))
     far = np.linalg.norm(xyz, axis=1) > 3.0
-    found = recover_rings(np.round(xyz / grid) * grid)
+    found = rings.recover_rings(np.round(xyz / grid) * grid)
     assert found is not None
     assert share_right(found[far], ring[far]) > 0.99
 
@@ -97,8 +94,8 @@ def test_origin_of_beams(origin: tuple[float, float], within: float) -> None:
     xyz, ring = room(np.array(EVEN), origin=origin)
     flat = np.hypot(xyz[:, 0], xyz[:, 1])
     order = np.lexsort((flat, xyz[:, 2]))
-    assert find_origin(flat[order], xyz[order, 2]) == pytest.approx(origin, abs=within)
-    assert share_right(recover_rings(xyz), ring) == 1.0
+    assert rings.find_origin(flat[order], xyz[order, 2]) == pytest.approx(origin, abs=within)
+    assert share_right(rings.recover_rings(xyz), ring) == 1.0
 
 
 def test_a_little_gain_is_no_origin() -> None:
@@ -107,7 +104,7 @@ def test_a_little_gain_is_no_origin() -> None:
     flat = np.hypot(xyz[:, 0], xyz[:, 1])
     height = xyz[:, 2] + 0.003 * flat * np.random.default_rng(1).standard_normal(len(ring))
     order = np.lexsort((flat, height))
-    assert find_origin(flat[order], height[order]) == (0.0, 0.0)
+    assert rings.find_origin(flat[order], height[order]) == (0.0, 0.0)
 
 
 def test_near_points_show_no_ring() -> None:
@@ -115,12 +112,12 @@ def test_near_points_show_no_ring() -> None:
     rng = np.random.default_rng(6)
     elevation, distance = rng.uniform(-0.02, 0.02, 400), rng.uniform(1.0, 30.0, 400)
     distance[elevation > 0.0] *= 0.2
-    band = np.floor(elevation / BAND_RAD).astype(int)
+    band = np.floor(elevation / rings.BAND_RAD).astype(int)
     expected = []
     for one, far in zip(band, distance, strict=True):
         alike = sorted(distance[band == one])
         expected.append(far >= min(alike[len(alike) // 4], 8.0))
-    assert is_far(elevation, distance).tolist() == expected
+    assert rings.is_far(elevation, distance).tolist() == expected
 
 
 @pytest.mark.parametrize('sensor', ['auto', 'free'])
@@ -141,22 +138,9 @@ def test_order_does_not_matter(sensor: str, copies: int) -> None:
 )
 def test_recordings(recordings: Path, bag: str) -> None:
     """Of real sensors nearly every point is in the ring that the sensor gives it."""
-    points = first_cloud(recordings / 'bags' / bag)
-    assert share_right(recover_rings(points[0]), points[1]) > 0.999
-
-
-def first_cloud(path: Path) -> tuple[Floats, Ints]:
-    """Return the valid points of a recording's first cloud, and their rings."""
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-
-    types = get_typestore(Stores.ROS2_JAZZY)
-    with Recording(path) as source:
-        topics = [topic for topic in source.topics if topic.msgtype.endswith('PointCloud2')]
-        _, _, data = next(iter(source.messages(topics)))
-    points = Decoder(FilterParameters()).decode(
-        types.deserialize_cdr(data, 'sensor_msgs/msg/PointCloud2')
-    )
-    return points.xyz[points.valid], points.line[points.valid]
+    points = Decoder(FilterParameters()).decode(first_cloud(recordings / 'bags' / bag))
+    found = rings.recover_rings(points.xyz[points.valid])
+    assert share_right(found, points.line[points.valid]) > 0.999
 
 
 @pytest.mark.parametrize(
@@ -170,7 +154,7 @@ def test_sweeps(real_data: Path, name: str) -> None:
     )
     valid = np.isfinite(x) & (distance > 0)
     xyz = np.stack([x, y, z], axis=1, dtype=np.float64)[valid]
-    assert share_right(recover_rings(xyz), channel[valid].astype(np.int64)) > 0.999
+    assert share_right(rings.recover_rings(xyz), channel[valid].astype(np.int64)) > 0.999
 
 
 @pytest.mark.parametrize(
@@ -184,7 +168,7 @@ def test_others_have_none(real_data: Path, name: str) -> None:
     if name.startswith('samp41'):
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
     for origin in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
-        assert recover_rings(xyz - origin) is None
+        assert rings.recover_rings(xyz - origin) is None
 
 
 @pytest.mark.parametrize('name', ['anywhere', 'small', 'one ring'])
@@ -193,7 +177,7 @@ def test_noise_has_none(name: str) -> None:
     xyz, ring = room(np.array(EVEN))
     anywhere = np.random.default_rng(4).normal(0.0, 5.0, (20_000, 3))
     clouds = {'anywhere': anywhere, 'small': xyz[:100], 'one ring': xyz[ring == 3]}
-    assert recover_rings(clouds[name]) is None
+    assert rings.recover_rings(clouds[name]) is None
 
 
 def test_spread_is_that_of_loops() -> None:
@@ -203,16 +187,16 @@ def test_spread_is_that_of_loops() -> None:
     for up, out in ((0.0, 0.0), (0.03, -0.02)):
         expected = naive.spread(flat.tolist(), z.tolist(), up, out)
         # Angles here and there differ by a millionth.
-        assert spread(flat, z, up, out) == pytest.approx(expected, abs=0.05)
+        assert rings.spread(flat, z, up, out) == pytest.approx(expected, abs=0.05)
 
 
 def test_peaks_are_those_of_loops() -> None:
     """Peaks of a histogram are those of plain loops, with ties and empty columns."""
-    assert find_peaks(np.array([0, 6, 9, 2, 8, 0, 3, 0]), 6).tolist() == [2, 4]
+    assert rings.find_peaks(np.array([0, 6, 9, 2, 8, 0, 3, 0]), 6).tolist() == [2, 4]
     rng = np.random.default_rng(3)
     for _ in range(300):
         count = rng.integers(0, 12, 60) * (rng.random(60) < rng.uniform(0.2, 1.0))
-        assert find_peaks(count, 6).tolist() == naive.peaks(count.tolist(), 6)
+        assert rings.find_peaks(count, 6).tolist() == naive.peaks(count.tolist(), 6)
 
 
 def test_arrays_without_lines() -> None:
@@ -264,3 +248,77 @@ def test_intensities_of_files(tmp_path: Path) -> None:
         int(detect_outliers(rounded, intensity=bright.round(6)).outlier.sum()),
     ]
     assert count[0] != count[1]
+
+
+# Bands, where there are no rings -----------------------------------------------------------------
+
+FREE = {'boosted_trees.sensor': 'free'}
+
+
+def scattered(count: int, seed: int = 1, stray: float = 0.0) -> Floats:
+    """Look into a hall, in directions without any order; some beams end before they reach it."""
+    rng = np.random.default_rng(seed)
+    azimuth, up = rng.uniform(-0.5, 0.5, count), rng.uniform(-0.3, 0.3, count)
+    direction = np.column_stack(
+        [np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.sin(up)]
+    )
+    distance = 12.0 / direction[:, 0] + 0.01 * rng.standard_normal(count)
+    few = np.arange(count) < stray * count
+    return direction * np.where(few, rng.uniform(2.0, 10.0, count), distance)[:, None]
+
+
+def apart(xyz: Floats, height: float) -> float:
+    """Return the median angle between neighbours in bands of a height, by plain loops."""
+    bands: dict[int, list[tuple[float, float]]] = {}
+    for x, y, z in xyz.tolist():
+        up = np.arctan2(z, np.hypot(x, y))
+        bands.setdefault(int(np.floor(up / height)), []).append((np.arctan2(y, x), np.cos(up)))
+    steps = []
+    for one in bands.values():
+        one.sort()
+        steps += [(b[0] - a[0]) * a[1] for a, b in pairwise(one)]
+    return median(steps) if steps else np.inf
+
+
+@pytest.mark.parametrize('count', [300, 2000, 9000])
+def test_height(count: int) -> None:
+    """Bands are the lowest whose points are no farther apart than the bands are high."""
+    xyz = scattered(count)
+    lines = rings.in_bands(points_of(xyz)).line
+    up = np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1]))
+    (chosen,) = (k for k, h in enumerate(rings.HEIGHTS) if np.array_equal(np.floor(up / h), lines))
+    assert apart(xyz, rings.HEIGHTS[chosen]) <= rings.HEIGHTS[chosen]
+    assert apart(xyz, rings.HEIGHTS[chosen - 1]) > rings.HEIGHTS[chosen - 1]
+
+
+def test_strays_are_found() -> None:
+    """What hangs before a wall is rejected, of the wall nothing; lines and times do not count."""
+    xyz = scattered(6000, stray=0.05)
+    whole = detect_outliers(xyz, parameters=FREE)
+    assert whole.outlier[:300].mean() > 0.9
+    assert whole.outlier[300:].mean() < 0.001
+    rng = np.random.default_rng(5)
+    t, line = rng.permutation(6000), rng.integers(0, 4, 6000)
+    said = detect_outliers(xyz, t=t, line=line, parameters=FREE)
+    np.testing.assert_array_equal(said.score, whole.score)
+
+
+def test_few_points() -> None:
+    """A handful of points has no bands, and is judged by neighbours."""
+    assert find_either(points_of(scattered(10)), 'free') is None
+    assert not detect_outliers(scattered(10), parameters=FREE).outlier.any()
+
+
+def test_a_point_at_the_sensor_changes_no_band() -> None:
+    """What is so near that its square is 0 has no say in how high bands are."""
+    xyz = scattered(2000)
+    expected = rings.in_bands(points_of(xyz)).line
+    found = rings.in_bands(points_of(np.concatenate([xyz, [[1e-200, 0.0, 0.0]]]))).line
+    assert len(np.unique(expected)) > 10
+    np.testing.assert_array_equal(found[:-1], expected)
+
+
+def test_returns_at_the_sensor_have_no_elevation() -> None:
+    """Where squares of distances are 0 there is no direction, and no warning."""
+    xyz = scattered(3000) * 1e-170
+    assert not detect_outliers(xyz, parameters=FREE).outlier.any()

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluation on real snow, on a made-up sequence in the same layout: nothing of it is real."""
 
-import sys
-from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from helpers import ROOT
+from helpers import BENCHMARKS, benchmark
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -19,12 +17,11 @@ from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import RecordingError
 
-sys.path.insert(0, str(ROOT / 'benchmarks'))
-command: Any = import_module('real_snow')
-sweeps: Any = import_module('real_snow_sweeps')
-judges: Any = import_module('real_snow_judges')
+command = benchmark('real_snow')
+sweeps = benchmark('real_snow_sweeps')
+judges = benchmark('real_snow_judges')
 
-TABLE = ROOT / 'benchmarks' / 'pandar64.csv'
+TABLE = BENCHMARKS / 'pandar64.csv'
 SHOTS, EMPTY = 200, range(50, 60)  # shots of a made-up sweep, and those without any return
 SNOW, ROAD, BUILDING = 110, 40, 50
 

@@ -9,13 +9,13 @@ from pkgutil import resolve_name
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.scans import points_of
 from naive import pcl_lof as naive
 from numpy.testing import assert_allclose
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.tuning.training import Training
@@ -148,9 +148,8 @@ def street() -> Sample:
     outliers = np.array([[20.0, 1, 1], [20.5, 1, 1], [21.0, 1, 1], [2.0, 1, 1]])
     xyz = np.concatenate([road, wall, outliers])
     bad = np.arange(len(xyz)) >= 2 * len(x)
-    zeros = np.zeros(len(xyz), np.int64)
-    points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
-    data = Training((points,), bad, ~bad, zeros, 1, streamed=False)
+    points = points_of(xyz)
+    data = Training((points,), bad, ~bad, points.t, 1, streamed=False)
     kinds = np.repeat([Kind.ROAD, Kind.FACADE, Kind.AIR], [len(x), len(x), 4]).astype(np.uint8)
     return Sample('leslar-c', 1, data, bad.astype(np.int64), False, False, kinds)  # noqa: FBT003
 

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Floats, Rows
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
-from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, rings
+from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, dry_turn, rings
+from lidar_outlier_lab.simulation.weather.beams import beams_of
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
 from lidar_outlier_lab.simulation.world.particles import Puff
-from lidar_outlier_lab.simulation.world.recording import clouds, messages, record
+from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner, refract
+from lidar_outlier_lab.simulation.world.recording import clouds, messages, record, to_message
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene, box, ground
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner, _strongest
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory, rotation
@@ -281,3 +285,59 @@ def test_recording(tmp_path: Path) -> None:
     assert np.diff(times).tolist() == [50_000_000, 25_000_000]
     with pytest.raises(RecordingError, match='the output must be a new folder'):
         record(replace(demo_drive(), lines=1), tmp_path)
+
+
+# Scanners without rings -------------------------------------------------------------------------
+
+SCANNERS = {'Mid-40': MID_40, 'L2': L2, 'Mid-360': MID_360}
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.1, 0.6])
+def test_refraction(angle: float) -> None:
+    """A face bends as Snell's law says, within the plane of incidence; the way back undoes it."""
+    beam = np.array([[np.cos(angle)], [np.sin(angle)], [0.0]])
+    normal = np.array([[1.0], [0.0], [0.0]])
+    bent = refract(beam, normal, 1.0 / 1.5)
+    behind = np.arcsin(np.sin(angle) / 1.5)
+    np.testing.assert_allclose(bent[:, 0], [np.cos(behind), np.sin(behind), 0.0], atol=1e-12)
+    np.testing.assert_allclose(refract(bent, normal, 1.5), beam, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('name', 'level', 'upright'),
+    [
+        ('Mid-40', (-19.2, 19.2), (-19.2, 19.2)),
+        ('L2', (-35.0, 35.0), (-37.2, 37.2)),
+        ('Mid-360', (-180.0, 180.0), (-7.0, 52.0)),
+    ],
+)
+def test_field_of_view(name: str, level: tuple[float, float], upright: tuple[float, float]) -> None:
+    """Each sees as far to all sides as its maker says; beams have length one."""
+    x, y, z = SCANNERS[name].directions(np.arange(500_000))
+    np.testing.assert_allclose(x * x + y * y + z * z, 1.0, atol=1e-12)
+    for angle, limits in ((np.arctan2(y, x), level), (np.arcsin(z), upright)):
+        assert np.degrees([angle.min(), angle.max()]) == pytest.approx(limits, abs=0.1)
+
+
+@pytest.mark.parametrize('name', SCANNERS)
+def test_beams_of_a_cloud(name: str) -> None:
+    """A cloud's points are on the beams of their times and lines; the others' beams are known."""
+    scanner: FreeScanner = replace(SCANNERS[name], before=777, shots_per_line=3000)
+    cloud = dry_turn(scanner, 3)
+    points = Decoder(FilterParameters()).decode(to_message(cloud.stamp, cloud.points, cloud.frame))
+    points = replace(points, t=points.t - cloud.stamp)
+    assert 0 < len(points) < scanner.shots_per_line
+    bright = np.linspace(0.1, 0.9, len(points))
+    beams = beams_of(scanner, points, bright)
+    assert len(beams) == scanner.shots_per_line
+    there = np.flatnonzero(beams.source >= 0)
+    of = beams.source[there]
+    assert np.array_equal(np.sort(of), np.arange(len(points)))
+    np.testing.assert_array_equal(beams.ring[there], points.line[of])
+    np.testing.assert_array_equal(beams.t[there], points.t[of])
+    np.testing.assert_array_equal(beams.reflectance[there], bright[of])
+    position = beams.direction[there] * beams.range[there, None]
+    np.testing.assert_allclose(position, points.xyz[of], atol=1e-4)
+    assert np.isinf(np.delete(beams.range, there)).all()
+    order = np.lexsort((beams.t, beams.ring))
+    np.testing.assert_array_equal(order, np.arange(len(beams)))

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.clouds import STORE
-from helpers.drives import STRING, cdr, content, topic_of
+from helpers.drives import STRING, cdr, content, first_cloud, topic_of
 from numpy.lib.recfunctions import repack_fields
 
 from lidar_outlier_filter.cli.evaluate import read_recording
@@ -23,7 +22,6 @@ from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_lab.simulation.presets import WEATHER_NAMES
 from lidar_outlier_lab.simulation.weather.beams import MIN_RING_POINTS
@@ -52,15 +50,6 @@ def reading(name: str) -> FilterParameters:
     return FilterParameters().changed({'time_field': SENSORS[name][0]})
 
 
-def first_cloud(recordings: Path, name: str) -> Any:
-    """Read the first cloud of a recording."""
-    with Recording(recordings / 'bags' / name) as source:
-        for topic, _, data in source.messages():
-            if topic.msgtype == CLOUD:
-                return STORE.deserialize_cdr(data, CLOUD)
-    raise AssertionError(name)
-
-
 def rows(msg: Any) -> Rows:
     """View the points in a row."""
     return structured(msg).reshape(-1)
@@ -86,7 +75,7 @@ def put(msg: Any, name: str, weather: str, seed: int = 1, returns: str = 'strong
 def test_what_is_left_alone(real_data: Path, weather: str) -> None:
     """Good points are those of the input in their order, but darker; an outlier says its cause."""
     name = 'os0_32.bag' if weather == 'heavy_snow' else 'vlp16_mrpt_mcap'
-    msg = first_cloud(real_data, name)
+    msg = first_cloud(real_data / 'bags' / name)
     old, new = rows(msg), rows(put(msg, name, weather))
     label, fields = new['label'], [n for n in old.dtype.names or () if n not in BRIGHT]
     there = (new['x'] != 0) | (new['y'] != 0) | (new['z'] != 0)
@@ -104,7 +93,7 @@ def test_what_is_left_alone(real_data: Path, weather: str) -> None:
 @pytest.mark.parametrize('name', SENSORS)
 def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
     """Each is on its ring, at the azimuth of its time, and what says its range is true."""
-    msg = first_cloud(recordings, name)
+    msg = first_cloud(recordings / 'bags' / name)
     made = put(msg, name, 'heavy_snow')
     points, new, old = decoded(made, name), rows(made), decoded(msg, name)
     snow = new['label'] == Cause.SNOW
@@ -134,7 +123,7 @@ def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
 
 def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
     """Empty ones, those without a return, and with too few of them get labels of 0, and count."""
-    msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
+    msg = first_cloud(recordings / 'bags' / 'vlp16_mrpt_mcap')
     kept = rows(msg)[: 2 * MIN_RING_POINTS].copy()
     lost = kept.copy()
     for axis in 'xyz':

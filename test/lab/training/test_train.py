@@ -1,23 +1,38 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Training the trees on the scan pattern: what is written is what was learnt."""
+"""Training the trees: what is written is what was learnt."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scans import sweep
+from helpers.scans import points_of, sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    NAMES,
+    SURVEY_MODEL,
+    Trees,
+    add_up,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_lab.simulation.scenes import profile_streets
+from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
+from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
+from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+from lidar_outlier_lab.training import scenes, train_profile
+from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features
+from lidar_outlier_lab.training.ring_tables import TABLES, known_scanners, read_elevations
+from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 from lidar_outlier_lab.training.train import Recipe, Sweep, lie_between, train
+from lidar_outlier_lab.training.train_survey import RECIPE, SCENES, see
 
 FEW = (3, 4)  # trees
 pytestmark = pytest.mark.usefixtures('few_edges')
@@ -54,9 +69,11 @@ def test_exported_trees_are_the_learner(rows: int, least: int) -> None:
         np.array(data['values'], np.float32),
         np.float32(data['start']),
     )
-    total = np.empty(rows, np.float32)
-    add_up(trees, values, total)
-    assert total == pytest.approx(learner.decision_function(values.T), abs=1e-5)
+    at_limits = rng.choice(trees.limit[trees.limit < 9], values.shape)
+    for seen in (values, at_limits):
+        total = np.empty(rows, np.float32)
+        add_up(trees, seen, total)
+        assert total == pytest.approx(learner.decision_function(seen.T), abs=1e-5)
 
 
 def test_file_is_complete_and_repeats() -> None:
@@ -149,9 +166,172 @@ def test_mixed_points_do_not_train_as_good() -> None:
     mixed, pole = column == 180, (column == 250) | (column == 251)
     far[mixed], far[pole] = 6.5, 5.0
     level = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
-    points = Points(far[:, None] * level, column * 277_777 + ring, ring, np.ones(len(shot), bool))
+    points = points_of(far[:, None] * level, column * 277_777 + ring, ring)
     pattern = find_pattern(points)
     assert pattern is not None
     values = window_features(prepare(pattern), None)
     found = lie_between(pattern, values)
     assert found.tolist() == mixed[pattern.order[pattern.order >= 0]].tolist()
+
+
+# Clouds without scan lines ------------------------------------------------------------------------
+
+WALLS = (3, 9, 13, 19)  # seeds of small scenes
+
+
+@pytest.fixture(scope='module')
+def walls() -> list[SurveyScene]:
+    """Simulate some small scenes."""
+    return [training_scene(seed) for seed in WALLS]
+
+
+def test_scenes_differ_and_repeat(walls: list[SurveyScene]) -> None:
+    """A seed gives the same points each time, another seed others."""
+    again = training_scene(WALLS[1])
+    np.testing.assert_array_equal(again.xyz, walls[1].xyz)
+    np.testing.assert_array_equal(again.cause, walls[1].cause)
+    assert len({len(scene.xyz) for scene in walls}) == len(walls)
+    assert all(scene.name.startswith('walls') for scene in walls)
+    assert any(scene.cause.any() for scene in walls)
+    assert SCENES % len(KINDS) == 0
+
+
+def test_errors_come_behind_the_points() -> None:
+    """A few of them, and each with a cause."""
+    rng = np.random.default_rng(1)
+    good = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.01), (3000, 3))
+    xyz, cause = add_errors(good, 0.02, rng)
+    np.testing.assert_array_equal(xyz[:3000], good)
+    assert not cause[:3000].any()
+    assert cause[3000:].all()
+    assert 0 < len(xyz) - 3000 < 150
+
+
+def test_file_of_surveys_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
+    """The same scenes give the same bytes, which say what they saw."""
+    scenes, few = [see(one) for one in walls], RECIPE._replace(rounds=(4, 4))
+    first, second = (train_in_folds(scenes, few, {'about': 'a test'}) for _ in range(2))
+    assert first.text == second.text
+    data = json.loads(first.text)
+    assert data['uses'] == list(NAMES[SURVEY_MODEL][1])
+    assert data['scenes'] == [scene.name for scene in walls]
+    assert len(data['first']['features']) == len(data['again']['features']) == 4
+    assert set(data['held_out']['kinds']) == {'walls'}
+
+
+# The command --------------------------------------------------------------------------------------
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make few scenes and few trees."""
+    monkeypatch.setattr(scenes, 'STREETS', ())
+    monkeypatch.setattr(scenes, 'OF_EACH', 1)
+    monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
+    monkeypatch.setattr(scenes, 'MAX_SHARE', {'dust': scenes.MAX_SHARE['dust']})
+    seed, _, *others = Recipe.__new__.__defaults__ or ()
+    monkeypatch.setattr(Recipe.__new__, '__defaults__', (seed, (3, 4), *others))
+
+
+def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
+    """Find one of the known recordings."""
+    known = {one.sensor: one for one in scenes.known_recordings(recordings / 'bags')}
+    return known[name]
+
+
+def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
+    """Same seed, same points; outliers are what the weather makes, and the others are the cloud."""
+    cloud = scenes.read_sweeps(sensor(recordings, 'VLP-16'), 1)[0]
+    points, outlier = scenes.put_weather(cloud, 'heavy_snow', [1, 2])
+    again, same = scenes.put_weather(cloud, 'heavy_snow', [1, 2])
+    assert np.array_equal(points.xyz, again.xyz)
+    assert np.array_equal(outlier, same)
+    other, _ = scenes.put_weather(cloud, 'heavy_snow', [1, 3])
+    assert not np.array_equal(points.xyz[:100], other.xyz[:100])
+    assert 0.01 < outlier.mean() < 0.9
+    given = {tuple(row) for row in cloud.xyz.astype(np.float32).round(3).tolist()}
+    good = [tuple(row) for row in points.xyz[~outlier].astype(np.float32).round(3).tolist()]
+    assert np.mean([row in given for row in good]) > 0.95
+    assert points.valid.all()
+
+
+def test_rings_of_published_tables(real_data: Path, tmp_path: Path) -> None:
+    """Elevations are those of the files, in ascending order; sensors simulated have them."""
+    folder = real_data / 'ring_tables'
+    pandar = np.degrees(read_elevations(folder / 'Pandar64.csv'))
+    assert pandar[[0, -1]] == pytest.approx([-24.897, 14.9], abs=0.02)
+    assert (np.diff(pandar) > 0).all()
+    velodyne = np.degrees(read_elevations(folder / 'VLP32.yaml'))
+    assert velodyne[[0, 1, -1]] == pytest.approx([-25.0, -15.639, 15.0], abs=1e-3)
+    scanners = known_scanners(folder)
+    assert {*scanners} == {*TABLES}
+    assert scanners['Pandar64'].rings == 64
+    assert scanners['Pandar64'].lines_per_second == pytest.approx(10.0, rel=1e-3)
+    assert known_scanners(tmp_path) == {}
+    (tmp_path / 'wrong.csv').write_text('Laser,Azimuth\n1,2\n')
+    with pytest.raises(RecordingError, match=r'the table of rings .* must be one of elevations'):
+        read_elevations(tmp_path / 'wrong.csv')
+
+
+def test_single_sweeps(real_data: Path) -> None:
+    """Files without rings or times get both: the points of a ring lie on a cone, in turn."""
+    found = dict(read_single_sweeps(real_data))
+    assert {*found} == {'Pandar64', 'Pandar40P', 'Helios', 'RubyPlus', 'Bpearl'}
+    assert {name: len(clouds) for name, clouds in found.items()} == {
+        'Pandar64': 1, 'Pandar40P': 1, 'Helios': 1, 'RubyPlus': 2, 'Bpearl': 2
+    }  # fmt: skip
+    for clouds in found.values():
+        assert all(map(scenes.has_pattern, clouds))
+    (pandar,) = found['Pandar64']
+    up = np.degrees(np.arcsin(pandar.xyz[:, 2] / pandar.range))
+    table = np.degrees(read_elevations(real_data / 'ring_tables' / 'Pandar64.csv'))
+    assert np.abs(up - table[pandar.line]).max() < 0.01
+
+
+@pytest.mark.usefixtures('few', 'few_edges')
+@pytest.mark.parametrize('free', [[], ['--free']])
+def test_command(recordings: Path, tmp_path: Path, capsys: Capture, free: list[str]) -> None:
+    """Recordings given train; the file says which. Without rings there is one law of weather."""
+    onto = [str(recordings / 'bags' / name) for name in ('vlp16_mrpt_mcap', 'os0_32.bag')]
+    output = tmp_path / 'mine.json'
+    assert main(['train', *free, '--onto', *onto, '--output', str(output)]) == 0
+    data = json.loads(output.read_text())
+    assert data['trained_on']['recordings'] == ['vlp16_mrpt_mcap', 'os0_32']
+    assert {*data['held_out']['weather']} == {'dust', *([] if free else ['waveforms dust'])}
+    assert {'written', 'vlp16_mrpt_mcap'} <= {*capsys.readouterr().out.split()}
+
+
+def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
+    """A file that exists, a seed below 0, and a folder without recordings are refused."""
+    (there := tmp_path / 'there.json').write_text('{}')
+    assert main(['train', '--output', str(there)]) == 1
+    assert 'the output must be a new file' in capsys.readouterr().err
+    new = ['train', '--output', str(tmp_path / 'new.json')]
+    assert main([*new, '--seed', '-1']) == 1
+    assert '--seed must be at least 0' in capsys.readouterr().err
+    assert main([*new, '--data', str(tmp_path)]) == 1
+    assert '--data must be a folder' in capsys.readouterr().err
+    for option, value in (('--onto', 'a'), ('--set', 'block=0.2')):
+        assert main([*new, '--profile', option, value]) == 1
+        assert f'--profile must be without {option}' in capsys.readouterr().err
+    assert not (tmp_path / 'new.json').exists()
+
+
+@pytest.mark.usefixtures('few_edges')
+def test_command_for_profile_scanners(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Streets train; the file says which, and the figures are of streets left out."""
+    monkeypatch.setattr(train_profile, 'STREETS', 3)
+    few = train_profile.RECIPE._replace(rounds=(3, 4))
+    monkeypatch.setattr(train_profile, 'RECIPE', few)
+    monkeypatch.setattr(profile_streets, 'SHOTS', 10_000)
+    monkeypatch.setattr(profile_streets, 'SHORTEST', 0.2)
+    output = tmp_path / 'mine.json'
+    assert main(['train', '--profile', '--output', str(output)]) == 0
+    data = json.loads(output.read_text())
+    assert data['trained_on'] == {'streets': 3, 'street_seeds': [0, 2]}
+    assert data['streets'] == [f'profile street {n}' for n in range(3)]
+    assert 'street left out' in capsys.readouterr().out

@@ -22,14 +22,9 @@ from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile_groups
+from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge, measure
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import (
-    GROUPS,
-    REACHES,
-    find_groups,
-)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
@@ -175,10 +170,11 @@ def test_lines_without_returns() -> None:
 
 
 def test_no_pattern() -> None:
-    """Spinning sensors, single lines, unsteady mirrors and random points have none."""
+    """Spinning sensors, single lines, but not two, unsteady mirrors and random points have none."""
     points = Drive(5).points
     assert find_profile_pattern(sweep(1, 0.0)) is None
     assert find_profile_pattern(points.take(points.line < 1)) is None
+    assert find_profile_pattern(points.take(points.line < 2)) is not None  # their period is known
     assert find_profile_pattern(points.take(slice(0, 0))) is None
     assert find_profile_pattern(points.take(points.line == 3)) is None
     rng = np.random.default_rng(5)
@@ -227,7 +223,7 @@ def test_features_equal_naive(lost: float, lines: int) -> None:
             assert got == pytest.approx(expected, rel=2e-3, abs=0.02), (number, k)
 
 
-@pytest.mark.parametrize('reach', REACHES)
+@pytest.mark.parametrize('reach', profile.REACHES)
 @pytest.mark.parametrize('lost', [0.0, 0.5])
 def test_groups_equal_naive(lost: float, reach: float) -> None:
     """Segments close to each other and far from surfaces form the groups of the naive twin."""
@@ -238,8 +234,8 @@ def test_groups_equal_naive(lost: float, reach: float) -> None:
         far[(np.abs(drive.line - line) < 2) & (np.abs(drive.angle - angle) < 0.06)] *= part
     pattern = profile_pattern_of(drive.measured(far))
     near = prepare(pattern).near
-    segments = profile_groups.find_segments(pattern, reach)
-    group = profile_groups.join(pattern, near, reach, segments)
+    segments = profile.find_segments(pattern, reach)
+    group = profile.join(pattern, near, reach, segments)
     rings = lines_of(pattern)
     expected = naive.groups(rings, pattern.apart.tolist(), reach)
     got: dict[int, list[tuple[int, int]]] = {}
@@ -261,10 +257,11 @@ def test_group_of_an_arm() -> None:
     xyz = points.xyz
     pattern = profile_pattern_of(points)
     has_return = pattern.order >= 0
-    found = np.empty((len(GROUPS), len(points)))
-    found[:, pattern.order[has_return]] = find_groups(pattern, prepare(pattern).near)[:, has_return]
+    found = np.empty((len(profile.GROUPS), len(points)))
+    groups = profile.find_groups(pattern, prepare(pattern).near)
+    found[:, pattern.order[has_return]] = groups[:, has_return]
     assert_array_equal(found[0] == np.count_nonzero(tube), tube)
-    described = {name: float(found[n, tube].max()) for n, name in enumerate(GROUPS)}
+    described = {name: float(found[n, tube].max()) for n, name in enumerate(profile.GROUPS)}
     along = np.linalg.svd(xyz[tube] - xyz[tube].mean(axis=0))[2]
     turned = (xyz - xyz[tube].mean(axis=0)) @ along.T
     assert described['group_slope'] == pytest.approx(abs(along[0, 2]), abs=1e-3)
@@ -289,13 +286,13 @@ def test_features_of_the_widest_group() -> None:
     has_return = pattern.order >= 0
     of_tube = tube[pattern.order[has_return]]
     neighbours, found = prepare(pattern).near, {}
-    for reach in REACHES:
-        segments = profile_groups.find_segments(pattern, reach)
-        group = profile_groups.join(pattern, neighbours, reach, segments)
+    for reach in profile.REACHES:
+        segments = profile.find_segments(pattern, reach)
+        group = profile.join(pattern, neighbours, reach, segments)
         found[reach] = np.unique(group[segments.of[has_return]][of_tube])
         assert (found[reach] >= 0).all()
-    assert [len(found[reach]) for reach in REACHES] == [1, 2]
-    count = find_groups(pattern, neighbours)[0, has_return]
+    assert [len(found[reach]) for reach in profile.REACHES] == [1, 2]
+    count = profile.find_groups(pattern, neighbours)[0, has_return]
     assert_array_equal(count == np.count_nonzero(tube), of_tube)
 
 
@@ -310,12 +307,6 @@ def test_strays_are_rejected(lines: int, mirror: Mirror | None) -> None:
     rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, model=PROFILE_MODEL) > 1
     assert rejected[drive.stray[few]].mean() > 0.8
     assert rejected[~drive.stray[few]].mean() < 0.002
-
-
-def test_two_lines_are_enough() -> None:
-    """The period of the mirror is the time between them."""
-    two = Drive(10, 0.02, lines=2, shots=800).points
-    assert find_profile_pattern(two) is not None
 
 
 def test_parameter_sensor() -> None:

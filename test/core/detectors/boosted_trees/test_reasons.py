@@ -4,18 +4,12 @@
 
 import numpy as np
 import pytest
-from helpers.scans import Drive, pattern_of, sweep
+from helpers.scans import Drive, pattern_of, points_of, sweep
 from naive import scan_pattern as naive
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.features import (
-    LIKELY,
-    PROFILE,
-    REASON_NAMES,
-    SECOND_PASS,
-    WINDOW,
-)
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import (
     Method,
     contributions,
@@ -70,7 +64,7 @@ def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np
     first = first_pass(some, model.first)
     values = measure(some, first)
     once, twice = contribute(model.first, values), contribute(model.again, values)
-    likely = np.isin(names, LIKELY)
+    likely = np.isin(names, features.LIKELY)
     once[likely], twice[likely] = -np.inf, -np.inf
     found, again = names[once.argmax(axis=0)], names[twice.argmax(axis=0)]
     known = (first.score > np.float32(model.doubtful)) & (again != 'first')
@@ -83,7 +77,7 @@ def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np
 def names_of(found: Verdict) -> list[str]:
     """Name the reasons of all points; those that are not rejected have none."""
     assert np.array_equal(found.reason > 0, found.rejected)
-    return [REASON_NAMES.get(number, '') for number in found.reason.tolist()]
+    return [features.REASON_NAMES.get(number, '') for number in found.reason.tolist()]
 
 
 def test_contributions_are_those_of_loops() -> None:
@@ -147,7 +141,7 @@ def test_published_reason(sensor: str, threads: int) -> None:
     assert names_of(found) == expected.tolist()
     assert found.rejected.sum() > 30
     assert 'first' not in names_of(found)
-    assert sensor == 'spinning' or {*names_of(found)} & {*PROFILE}
+    assert sensor == 'spinning' or {*names_of(found)} & {*features.PROFILE}
 
 
 @pytest.mark.parametrize(
@@ -165,7 +159,7 @@ def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected:
 
     def ask(names: list[str]) -> Trees:
         """Ask always the same, what no value is above: the least value is right."""
-        every = [*WINDOW, *SECOND_PASS]
+        every = [*features.WINDOW, *features.SECOND_PASS]
         feature = np.repeat([[every.index(name)] for name in names], 7, axis=1).astype(np.int32)
         value = np.tile(np.arange(-8, 0, dtype=np.float32), (len(names), 1))
         limit = np.full(feature.shape, np.inf, np.float32)
@@ -174,7 +168,8 @@ def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected:
     model = TreeModel(ask(asked), ask(asked_again), -100.0, 0.0, 0.0)
     there = some.pattern.order >= 0
     found = strongest_of_trees(some, first_pass(some, model.first), model, there)
-    assert {REASON_NAMES.get(number, '') for number in found[there].tolist()} == {expected}
+    found_names = {features.REASON_NAMES.get(number, '') for number in found[there].tolist()}
+    assert found_names == {expected}
 
 
 def test_scores_are_the_same_without_reasons() -> None:
@@ -198,7 +193,7 @@ def test_numbers_never_change() -> None:
         '135:group_length'
     )
     known = dict(one.split(':') for one in names.split())
-    assert {int(number): name for number, name in known.items()} == REASON_NAMES
+    assert {int(number): name for number, name in known.items()} == features.REASON_NAMES
 
 
 def test_survey_adds_up_to_the_log_odds() -> None:
@@ -207,8 +202,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     xyz = rng.uniform((0, 0, 0), (30, 30, 0.05), (2000, 3))
     xyz[:20, 2] += rng.uniform(2, 9, 20)
     xyz[100:150] = xyz[50:100]  # two at one place
-    zeros = np.zeros(len(xyz), np.int64)
-    points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
+    points = points_of(xyz)
     parameters = FilterParameters()
     seen = DetectorInput(points, parameters, 20, whole=True)
     selected = rng.random(len(xyz)) < 0.3

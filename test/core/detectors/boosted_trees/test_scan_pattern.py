@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from helpers.scans import RATE, TURN_NS, measured, pattern_of, sweep
+from helpers.scans import RATE, TURN_NS, measured, pattern_of, points_of, sweep
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     load,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points, spread
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import arctangent, find_pattern
 
@@ -73,11 +73,11 @@ def test_strays_are_found() -> None:
 def test_no_pattern() -> None:
     """Lines one after the other, few points, and disordered azimuths are no scan pattern."""
     points = sweep(6, 0.0)
-    profile = Points(points.xyz, np.arange(len(points)), np.arange(len(points)) // 90, points.valid)
-    assert find_pattern(profile) is None
+    number = np.arange(len(points))
+    assert find_pattern(points_of(points.xyz, number, number // 90)) is None
     assert find_pattern(points.take(slice(0, 10))) is None
     rng = np.random.default_rng(1)
-    wild = Points(rng.standard_normal((len(points), 3)), points.t, points.line, points.valid)
+    wild = points_of(rng.standard_normal((len(points), 3)), points.t, points.line)
     assert find_pattern(wild) is None
 
 
@@ -149,7 +149,7 @@ def test_a_plane_is_predicted_across_uneven_rings() -> None:
     level = np.cos(down)[ring]
     xyz = far[:, None] * np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
     t = shot // len(down) * 138_889 + ring
-    pattern = pattern_of(Points(xyz, t, ring, np.ones(len(shot), np.bool_)))
+    pattern = pattern_of(points_of(xyz, t, ring))
     out = measured(pattern)[[*WINDOW].index('across')]
     some = np.concatenate([np.arange(pattern.first[n] + 9, pattern.last[n] - 9) for n in range(7)])
     # An arc of the sine of the elevation is not straight: a part of the angle between rings.
@@ -254,23 +254,12 @@ def test_trees_are_those_of_loops() -> None:
         assert total[n] == expected
 
 
-def turned_later(points: Points, turns: int) -> Points:
-    """Return what a head sees that turns so many times, and then sees the same again."""
-    later = points.t + turns * TURN_NS
-    both = np.concatenate
-    return Points(
-        both([points.xyz, points.xyz]),
-        both([points.t, later]),
-        both([points.line, points.line]),
-        both([points.valid, points.valid]),
-    )
-
-
 @pytest.mark.parametrize('turns', [3, 40, 3000, 20_003, 400_001])
 def test_a_turn_is_judged_alike_whenever_it_is(turns: int) -> None:
     """The verdicts on points do not depend on how often the head turned before it saw them."""
     points = sweep(10, 0.2, 1.3, columns=1800)
-    score = judge(pattern_of(turned_later(points, turns)), 1.0)
+    later = replace(points, t=points.t + turns * TURN_NS)
+    score = judge(pattern_of(concatenate([points, later])), 1.0)
     once, again = score[: len(points)], score[len(points) :]
     assert 0 < np.count_nonzero(once > 1) < 0.2 * len(points)
     # At the ends of what is seen together, longer stretches have other points in them.

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from helpers.shapes import rows_and_columns
 from naive import survey as naive
 from numpy.typing import NDArray
 
@@ -32,12 +33,6 @@ def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
     return xyz[rng.permutation(count)]
 
 
-def grid(side: int = 18) -> Floats:
-    """Make an even grid, where nearly all distances are tied."""
-    x, y = np.divmod(np.arange(float(side * side)), side)
-    return np.stack([x, y, np.zeros(len(x))], axis=1)
-
-
 def stacked() -> Floats:
     """Make points of which many coincide, more than lists hold."""
     rng = np.random.default_rng(3)
@@ -61,7 +56,7 @@ def mirrored(size: int = 33) -> Floats:
 CLOUDS = {
     'surface': surface(),
     'mirrored': mirrored(),
-    'grid': grid(),
+    'grid': rows_and_columns(np.random.default_rng(), 18 * 18),
     'stacked': stacked(),
     'line': along_a_line(),
     'short': surface(30, strays=2),

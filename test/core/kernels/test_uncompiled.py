@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Windows, trees and scores have the same bits compiled and uncompiled, where vectors are loops."""
+"""Kernels as plain Python, which checks every index and has loops for vectors: the same bits."""
 
 import os
 import subprocess
 import sys
 
-from helpers import TESTS, environment_without_compiler
+import pytest
+from helpers import HELPERS, TESTS, environment_without_compiler
 
 # Prints the bits of features and scores of clouds of both kinds of scanners: of rings shorter than
 # a vector, of as many points, and of one more; with points that coincide, or have no numbers.
@@ -60,3 +61,18 @@ def test_bits_are_those_of_loops() -> None:
     )
     assert (compiled.pop(), loops.pop()) == (b'0', b'1')
     assert compiled == loops
+
+
+@pytest.mark.slow
+def test_no_kernel_leaves_its_arrays() -> None:
+    """Nor does one of any detector, its choices and its explanation; each kernel is called."""
+    done = subprocess.run(
+        [sys.executable, str(HELPERS / 'uncompiled.py')],
+        env=environment_without_compiler() | {'PYTHONPATH': ':'.join([str(TESTS), *sys.path])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-5000:]
+    boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees'
+    assert done.stdout.split() == [f'{boosted_trees}.trees.add_up']  # for training
