@@ -54,29 +54,6 @@ def test_segment_ends_only_above_the_gap_factor() -> None:
     assert naive.segments([0, 10, 20, 36], [0] * 4, 1.5) == [0, 0, 0, 1]
 
 
-# Windows ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ('p', 'm', 'window'),
-    [
-        (4, 10, [2, 3, 5, 6, 7]),
-        (1, 10, [0, 2, 3, 4, 5]),
-        (0, 10, [1, 2, 3, 4, 5]),
-        (7, 10, [4, 5, 6, 8, 9]),
-        (9, 10, [4, 5, 6, 7, 8]),
-        (1, 4, [0, 2, 3]),
-        (0, 1, []),
-    ],
-)
-def test_centred_window_is_shifted_inwards(p: int, m: int, window: list[int]) -> None:
-    """2 in front and 3 behind: six with the point itself, wherever it is."""
-    assert naive.centred_window(p, m, 2, 3) == window
-
-
-# The smoother -----------------------------------------------------------------------------------
-
-
 # Passes -----------------------------------------------------------------------------------------
 
 

@@ -98,11 +98,3 @@ def test_judge_of_a_plane() -> None:
     assert max(scores[:36]) < 1
     predicted = 0.01 * sqrt(36 / 33 * (1 + 1 / 36))
     assert_allclose(scores[36], 0.2 / predicted / t.isf(5e-7, 33), rtol=1e-3)
-
-
-def test_window() -> None:
-    """The box of a core is grown by a quarter of its extent, and doubled until there are enough."""
-    points = np.array([[float(i), 0, 0] for i in range(100)])
-    assert naive.section_window(points, 40, 61, 16) == [*range(35, 66)]  # margin 20 / 4
-    assert naive.section_window(points, 40, 45, 5) == [*range(39, 46)]
-    assert naive.section_window(points, 40, 45, 16) == [*range(32, 53)]  # margin 8

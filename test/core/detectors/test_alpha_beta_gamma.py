@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.scans import points_of
 from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import residuals
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
@@ -37,14 +36,6 @@ def smoother(**changes: Any) -> AlphaBetaGamma:
     return AlphaBetaGamma(**{**paper, **changes})
 
 
-def points(t: object, xyz: object, line: object = 0, sigma: Floats | None = None) -> Points:
-    """Gather points; one line number may stand for all of them."""
-    times = np.asarray(t, np.int64)
-    lines = np.broadcast_to(np.asarray(line, np.int64), times.shape).copy()
-    positions = np.asarray(xyz, np.float64).reshape(-1, 3)
-    return Points(positions, times, lines, np.ones(len(times), np.bool_), sigma)
-
-
 def curve(t: NDArray[np.int64]) -> Floats:
     """Bend smoothly, as a scan line on a road does; metres."""
     u = t / SHOT
@@ -62,7 +53,7 @@ def noisy(xyz: Floats, rng: np.random.Generator, outliers: int) -> Floats:
 def smooth(rng: np.random.Generator) -> Points:
     """Two lines along a curve, with outliers: more points than the kernel takes at once."""
     t = np.arange(150) * SHOT
-    return points(t, noisy(curve(t), rng, 8), np.arange(150) // 140)
+    return points_of(noisy(curve(t), rng, 8), t, np.arange(150) // 140)
 
 
 def corners(rng: np.random.Generator) -> Points:
@@ -70,14 +61,14 @@ def corners(rng: np.random.Generator) -> Points:
     t = np.arange(100) * SHOT
     u = np.arange(100) % 40 / 10
     xyz = np.stack([np.minimum(u, 2), np.maximum(u, 2), np.where(t > 70 * SHOT, 3.0, 0.0)], axis=1)
-    return points(t, noisy(xyz, rng, 4))
+    return points_of(noisy(xyz, rng, 4), t)
 
 
 def irregular(rng: np.random.Generator) -> Points:
     """Jittering times, and shots that are missing at random."""
     t = np.cumsum(rng.integers(1, 2 * SHOT, size=100))
     t += SHOT * np.cumsum(rng.random(100) < 0.1)
-    return points(t, noisy(curve(t), rng, 8))
+    return points_of(noisy(curve(t), rng, 8), t)
 
 
 def ties(rng: np.random.Generator) -> Points:
@@ -87,7 +78,7 @@ def ties(rng: np.random.Generator) -> Points:
     from the other at the same time as that one's is from it: the digits lost decide which is worse.
     """
     t = np.arange(100) * 3 // 4 * SHOT
-    return points(t, noisy(curve(t), rng, 8))
+    return points_of(noisy(curve(t), rng, 8), t)
 
 
 def short_segments(rng: np.random.Generator) -> Points:
@@ -97,7 +88,7 @@ def short_segments(rng: np.random.Generator) -> Points:
     t = (np.arange(len(gaps)) + gaps) * SHOT
     line = (np.repeat(np.arange(len(lengths)) % 3, lengths) - 1) * 10**12
     mixed = rng.permutation(len(t))
-    return points(t, noisy(curve(t), rng, 12), line).take(mixed)
+    return points_of(noisy(curve(t), rng, 12), t, line).take(mixed)
 
 
 def utm(rng: np.random.Generator) -> Points:
@@ -184,7 +175,7 @@ def test_fast_is_naive_in_all_modes(sides: str, order: int, mode: str) -> None:
     """Every source of σ, with ties, and with a quarter of the points wrong, on two lines."""
     rng = np.random.default_rng(11)
     t = np.arange(80) * SHOT
-    for cloud in ties(rng), points(t, noisy(curve(t), rng, 20), np.arange(80) % 2):
+    for cloud in ties(rng), points_of(noisy(curve(t), rng, 20), t, np.arange(80) % 2):
         own = with_own_sigma(cloud, rng) if mode == 'own' else cloud
         sigma = 0.02 if mode == 'fixed' else 0.0
         result = assert_fast_is_naive(own, smoother(sides=sides, order=order, sigma=sigma))
@@ -231,7 +222,7 @@ def test_degenerate_windows(name: str, order: int, sides: str) -> None:
     """Windows that cannot predict: the same points stay untested."""
     t = np.array(DEGENERATE[name], np.int64) * SHOT
     rng = np.random.default_rng(17)
-    cloud = points(t, rng.normal(scale=NOISE, size=(len(t), 3)))
+    cloud = points_of(rng.normal(scale=NOISE, size=(len(t), 3)), t)
     parameters = smoother(order=order, sides=sides, sigma=NOISE)
     result = fast(cloud, parameters)
     expected = slow(cloud, parameters)
@@ -272,17 +263,3 @@ def test_missing_filterpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     match = r"alpha_beta_gamma.engine must be 'kernel' where the .* filterpy is not installed"
     with pytest.raises(ParameterError, match=match):
         fast(cloud, smoother(engine='filterpy'))
-
-
-@pytest.mark.parametrize(('before', 'after'), [(5, 5), (3, 8), (6, 0)])
-@pytest.mark.parametrize('order', [1, 2])
-def test_both_kernels_agree(order: int, before: int, after: int) -> None:
-    """All points in tiles, or all but one through the links: the same but for the last digits."""
-    rng = np.random.default_rng(67)
-    cloud = with_own_sigma(smooth(rng), rng)
-    cloud = cloud.take(order_by_line(cloud))
-    parameters = smoother(order=order, before=before, after=after)
-    series = alpha_beta_gamma._series(cloud, find_lines(cloud, GAP), max(before, after))
-    in_tiles = residuals(series, np.arange(len(cloud)), parameters)
-    one_by_one = residuals(series, np.arange(len(cloud) - 1), parameters)
-    assert_allclose(in_tiles[:, :, :-1], one_by_one, rtol=1e-9, atol=1e-9)

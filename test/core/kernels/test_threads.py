@@ -22,12 +22,6 @@ def test_ranges_cover_all_in_order(count: int, number: int) -> None:
     assert threads.run(lambda begin, end: (begin, end), count, 10, number) == expected
 
 
-def test_work_is_done_at_the_same_time() -> None:
-    """Three ranges wait for each other, which only three threads can."""
-    barrier = threading.Barrier(3)
-    threads.run(lambda *_: barrier.wait(10), 3, 1, 3)
-
-
 def test_no_more_threads_than_asked_for() -> None:
     """Fifty ranges are done by two threads at most, one of them the caller."""
     barrier = threading.Barrier(2)
