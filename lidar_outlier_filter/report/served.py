@@ -146,7 +146,7 @@ class PageServer:
         if not isinstance(values, dict) or not all(isinstance(one, str) for one in values.values()):
             must_be = 'an object of names and texts'
             raise _RequestError('what is set', must_be, 'others', HTTPStatus.BAD_REQUEST)
-        return self.node.set(values)
+        return str(self.node.set(values))
 
 
 def _number(what: str, text: str, least: int, most: int) -> int:
