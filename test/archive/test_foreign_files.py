@@ -142,9 +142,14 @@ def test_what_was_there_before_is_refused(words: list[str], capsys: Capture, kin
     assert {name: after[name] for name in before} == before
 
 
-@pytest.mark.parametrize('is_new', [True, False])
-@pytest.mark.parametrize('which', ['output', 'sidecar', 'sealed', 'other'])
-@pytest.mark.parametrize('moment', ['publish', '_replace_older'])
+RACES = [  # all pairs
+    (('replay', 'clean')[(i + j) % 2], moment, which, (i // 2 + j) % 2 == 0)
+    for i, which in enumerate(('output', 'sidecar', 'sealed', 'other'))
+    for j, moment in enumerate(('publish', '_replace_older'))
+]
+
+
+@pytest.mark.parametrize(('words', 'moment', 'which', 'is_new'), RACES, indirect=['words'])
 def test_what_comes_while_a_run_works_stays(  # noqa: PLR0913  fixtures
     words: list[str],
     monkeypatch: pytest.MonkeyPatch,

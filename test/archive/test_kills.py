@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -40,6 +40,13 @@ def words(
 
 
 STEPS = ('publish.write', 'publish._rename', 'new_files.publish', 'Path.rename')
+FASTER = ('publish.find_outputs', 'publish._rename', 'publish.write')
+VERBS = ((0, 'replay'), (1, 'clean'))
+
+
+def pairs(steps: Sequence[str]) -> list[tuple[str, str, bool]]:
+    """Give each step with both commands, one of them new: all pairs, and not their product."""
+    return [(verb, step, (i + j) % 2 == 0) for i, step in enumerate(steps) for j, verb in VERBS]
 
 
 def kill_at(patch: pytest.MonkeyPatch, step: str, number: int) -> None:
@@ -72,8 +79,7 @@ def kill_at(patch: pytest.MonkeyPatch, step: str, number: int) -> None:
         patch.setattr(module, undo, lambda *a, plain=plain: None if dead else plain(*a))
 
 
-@pytest.mark.parametrize('is_new', [True, False])
-@pytest.mark.parametrize('step', STEPS)
+@pytest.mark.parametrize(('words', 'step', 'is_new'), pairs(STEPS), indirect=['words'])
 def test_killed_at_each_step(
     words: list[str], monkeypatch: pytest.MonkeyPatch, step: str, *, is_new: bool
 ) -> None:
@@ -168,8 +174,7 @@ def test_folders_of_another_run_vanish(tmp_path: Path) -> None:
         other.join()
 
 
-@pytest.mark.parametrize('step', ['publish.find_outputs', 'publish._rename', 'publish.write'])
-@pytest.mark.parametrize('is_same', [True, False])
+@pytest.mark.parametrize(('words', 'step', 'is_same'), pairs(FASTER), indirect=['words'])
 def test_another_run_is_faster(
     words: list[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -23,17 +23,10 @@ def store(recordings: Path) -> Iterator[Store]:
     with running_store() as store:
         drives = store.new_bucket('drives')
         for name in (MCAP, BAG, DATABASE):
-            put(store, recordings / 'bags' / name, f'{drives}/2026/{name}')
+            store.put_all(recordings / 'bags' / name, f'{drives}/2026/{name}')
         store.put(f'{drives}/2026/notes.txt', b'rain')
         store.put(f'{drives}/2026/.{MCAP}.partial-1/metadata.yaml', b'left by a run')
         yield store
-
-
-def put(store: Store, recording: Path, address: str) -> None:
-    """Put a recording to a store, by another client than the one that reads it."""
-    for file in recording.iterdir() if recording.is_dir() else [recording]:
-        target = f'{address}/{file.name}' if recording.is_dir() else address
-        store.put(target, file.read_bytes())
 
 
 def content(path: remote_path.RecordingPath) -> list[tuple[str, int, bytes]]:

@@ -51,14 +51,8 @@ def running(drives: Path) -> Iterator[Store]:
     with running_store() as store:
         for bucket in ('drives', 'cleaned'):
             store.new_bucket(bucket)
-        put(store, drives, 's3://drives/in')
+        store.put_all(drives, 's3://drives/in')
         yield store
-
-
-def put(store: Store, folder: Path, address: str) -> None:
-    """Put a folder on a store, by another client than the one that reads it."""
-    for file in (one for one in folder.rglob('*') if one.is_file()):
-        store.put(f'{address}/{file.relative_to(folder)}', file.read_bytes())
 
 
 @pytest.fixture
@@ -124,7 +118,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
         main(words())
         assert '1 replayed, 2 done before' in capsys.readouterr().out
     finally:
-        put(store, drives, 's3://drives/in')
+        store.put_all(drives, 's3://drives/in')
 
 
 @pytest.mark.parametrize('name', ['a/notes.txt', 'a/metadata.yaml', 'a.json', 'archive.html'])
@@ -151,9 +145,10 @@ STEPS = [(publish, 'write'), (publish, 'remove'), (None, 'commit')]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('options', [[], [SCORED]], ids=['new', 'scored'])
-@pytest.mark.parametrize('step', STEPS, ids=lambda step: step[1])
-@pytest.mark.parametrize('last', [1, 2])
+@pytest.mark.parametrize(
+    ('step', 'options', 'last'),  # all pairs
+    [(s, o, 1 + (i + len(o)) % 2) for i, s in enumerate(STEPS) for o in ([], [SCORED])],
+)
 def test_killed_runs(  # noqa: PLR0913  fixtures
     store: Store,
     expected: list[dict[str, bytes]],

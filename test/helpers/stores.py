@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -67,6 +68,13 @@ class Store:
         parts = urlsplit(address)
         self.client.put_object(Bucket=parts.netloc, Key=parts.path[1:], Body=data)
         return address
+
+    def put_all(self, path: Path, address: str) -> None:
+        """Put a file, or all of a folder, to an address, by another client than reads it."""
+        for file in (one for one in path.rglob('*') if one.is_file()):
+            self.put(f'{address}/{file.relative_to(path)}', file.read_bytes())
+        if path.is_file():
+            self.put(address, path.read_bytes())
 
     def get(self, address: str) -> bytes:
         """Read the object at an address."""
