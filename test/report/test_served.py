@@ -18,6 +18,7 @@ from helpers.browsers import new_tab
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.visibility import BANDS, SECTORS, SensorView
 from lidar_outlier_filter.report.served import MAX_CONNECTIONS, MAX_REQUEST, PageServer
@@ -100,15 +101,54 @@ def page() -> Iterator[Page]:
     server.close()
 
 
-@pytest.mark.parametrize('target', ['http://[', '/?token=é', '/nothing'])
+@pytest.mark.parametrize(
+    'target',
+    ['http://[', '/?token=é', '/nothing', '/', '/status', '/frames?topic=/points', '/?token=x'],
+)
 @pytest.mark.parametrize('method', ['GET', 'POST'])
 def test_a_stranger_is_refused(page: Page, target: str, method: str) -> None:
     """Whatever the address is, and before anything else of the request is read."""
     for length in ('2', DIGITS, '-1', str(10 * MAX_REQUEST)):
         head = f'{method} {target} HTTP/1.1\r\n' + page.headers(f'Content-Length: {length}')
-        assert page.status(head + '{}') in {400, 403}
+        result = page.ask(head + '{}')
+        assert result.split(maxsplit=2)[1] in {b'400', b'403'}
+        assert page.server.token.encode() not in result
     assert page.errors == []
     assert page.node.values == []
+
+
+def test_only_this_machine(page: Page) -> None:
+    """Who knows the token is refused under another name, and at another address."""
+    port, known = page.server.port, f'?token={page.server.token} HTTP/1.1\r\n'
+    for path, name, status in (
+        ('/', 'localhost', 200),
+        ('/nothing', 'localhost', 404),
+        ('/', 'example.org', 403),  # which was made to lead here
+    ):
+        assert page.status(f'GET {path}{known}Host: {name}:{port}\r\n\r\n') == status
+    with pytest.raises(OSError, match='refused'):
+        socket.create_connection(('127.0.0.2', port), TIMEOUT)
+    with pytest.raises(ParameterError, match=f'the port of the page must be free, got {port}'):
+        PageServer(page.node, port)
+
+
+@pytest.mark.parametrize(('error', 'is_said'), [(BrokenPipeError, False), (ValueError, True)])
+def test_a_browser_that_leaves(
+    capsys: pytest.CaptureFixture[str], error: type[Exception], *, is_said: bool
+) -> None:
+    """A tab that is closed before its response came is no error of the node."""
+
+    def leave() -> None:
+        raise error
+
+    server = PageServer(Settable())
+    server.start()
+    try:
+        leave()
+    except error:
+        server._server.handle_error(None, ('127.0.0.1', 1))
+    server.close()
+    assert ('Traceback' in capsys.readouterr().err) == is_said
 
 
 def test_a_stranger_is_refused_before_he_has_said_all(page: Page) -> None:

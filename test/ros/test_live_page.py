@@ -6,12 +6,9 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 import threading
-from contextlib import closing, suppress
-from http.client import HTTPConnection
-from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import urlsplit
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers.browsers import chromium, new_tab
@@ -21,9 +18,7 @@ from helpers.programs import Program
 from rclpy.executors import ExternalShutdownException
 
 from lidar_outlier_filter.cli.node import serve_page
-from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.report.served import PageServer, about
-from lidar_outlier_filter.ros.live_parameters import NodeAccess
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,17 +28,11 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
+    # What is not as it should be comes last.
+    Served = tuple[OutlierFilterNode, PageServer, Page, list[str]]
+
 pytestmark = pytest.mark.slow
 THRESHOLD = 'boosted_trees.threshold'
-
-
-class Served(NamedTuple):
-    """A node that runs, its page, and what is not as it should be."""
-
-    node: OutlierFilterNode
-    server: PageServer
-    page: Page
-    wrong: list[str]
 
 
 @pytest.fixture
@@ -72,19 +61,10 @@ def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
         page.on('console', lambda message: wrong.append(message.text))
         page.on('pageerror', lambda error: wrong.append(str(error)))
         page.goto(server.address)
-        yield Served(node, server, page, wrong)
+        yield node, server, page, wrong
     stop.set()
     spinning.join()
     server.close()
-
-
-def get(server: PageServer, path: str, host: str = '', method: str = 'GET') -> tuple[int, bytes]:
-    """Ask the server for a path, as if it had this name; return the status and the response."""
-    body = b'{}' if method == 'POST' else None
-    with closing(HTTPConnection('127.0.0.1', server.port, timeout=10)) as connection:
-        connection.request(method, path, body, headers={'Host': host or f'127.0.0.1:{server.port}'})
-        result = connection.getresponse()
-        return result.status, result.read()
 
 
 def test_page_shows_the_node_and_sets_it(served: Served) -> None:
@@ -131,62 +111,6 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
         assert page.inner_text('#refusal').startswith(f'{THRESHOLD} must be ')
     assert node.get_parameter(THRESHOLD).value == 0.7
     assert wrong == []
-
-
-def test_only_this_machine_with_the_token(ros: Ros) -> None:
-    """Others are refused: without the token, under another name, at another address."""
-    node = ros.filter()
-    server = serve_page(node)
-    port, token = server.port, server.token
-    assert urlsplit(server.address).netloc == f'127.0.0.1:{port}'
-    for path in (
-        '/',
-        '/about',
-        '/status',
-        '/frames?topic=/points&after=-1',
-        '/?token=',
-        '/?token=x',
-    ):
-        assert get(server, path)[0] == 403
-        assert token.encode() not in get(server, path)[1]
-    assert get(server, f'/set?token={token[:-1]}', method='POST')[0] == 403
-    # A name elsewhere that was made to lead here.
-    assert get(server, f'/?token={token}', host=f'example.org:{port}')[0] == 403
-    assert get(server, f'/?token={token}', host=f'localhost:{port}')[0] == 200
-    assert get(server, f'/nothing?token={token}')[0] == 404
-    assert get(server, f'/frames?token={token}&after=x')[0] == 400
-    for address in own_addresses():
-        with pytest.raises(OSError, match='refused'):
-            socket.create_connection((address, port), timeout=10)
-    with pytest.raises(ParameterError, match=f'the port of the page must be free, got {port}'):
-        PageServer(NodeAccess(node), port)
-    server.close()
-
-
-@pytest.mark.parametrize(('error', 'is_said'), [(BrokenPipeError, False), (ValueError, True)])
-def test_a_browser_that_leaves(
-    ros: Ros, capsys: pytest.CaptureFixture[str], error: type[Exception], *, is_said: bool
-) -> None:
-    """A tab that is closed before its response came is no error of the node."""
-
-    def leave() -> None:
-        raise error
-
-    server = serve_page(ros.filter())
-    try:
-        leave()
-    except error:
-        server._server.handle_error(None, ('127.0.0.1', 1))
-    server.close()
-    assert ('Traceback' in capsys.readouterr().err) == is_said
-
-
-def own_addresses() -> list[str]:
-    """List addresses of this machine that are not 127.0.0.1: one of the loop always."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
-        probe.connect(('192.0.2.1', 9))  # sends nothing: says which interface would be taken
-        return ['127.0.0.2', probe.getsockname()[0]]
-    return ['127.0.0.2']
 
 
 def test_off_by_default() -> None:
