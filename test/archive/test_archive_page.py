@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers.archives import archive, failed, record
 from helpers.browsers import new_tab
+from helpers.report_pages import STATE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -166,12 +167,12 @@ def test_units() -> None:
 
 
 @pytest.mark.parametrize('width', [390, 1280])
-def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -> None:
+def test_thousands_of_recordings(browser: Browser, tmp_path: Path, width: int) -> None:
     """The first 1000 are shown, all on demand; a long sentence stays on its line.
 
     On a phone, where a line is short, that of a failed recording is shown whole.
     """
-    lines = archive(10_000)
+    lines = archive(3000)
     lines[9] = failed(lines[9].source, 'a sentence that is longer than its line ' * 9)
     write_page(lines, tmp_path)
     tab = new_tab(browser, viewport={'width': width, 'height': 900})
@@ -187,10 +188,10 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
     assert tab.eval_on_selector(long, is_cut) == (width > 390)
     wide = tab.eval_on_selector(long, 'node => node.offsetWidth')
     assert wide > (950 if width > 390 else 120)  # over the cells beside it, which are empty
-    tab.evaluate("location.hash = '#r9000'")
+    tab.evaluate("location.hash = '#r2900'")
     assert tab.evaluate(shown) == 1001
     tab.locator('#all').check()
-    assert tab.evaluate(shown) == 10_000
+    assert tab.evaluate(shown) == 3000
     tab.context.close()
 
 
@@ -228,16 +229,5 @@ def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, script
     assert tab.locator('tbody tr').count() == 40
     if scripts:
         assert tab.evaluate('document.documentElement.scrollWidth') == 390
-        ground = tab.evaluate('getComputedStyle(document.body).backgroundColor')
-        for kind in ('b', 'small.odd', 'small.failed', 'td.odd'):
-            ink = tab.evaluate(f"getComputedStyle(document.querySelector('tbody {kind}')).color")
-            low, high = sorted((luminance(ink), luminance(ground)))
-            assert (high + 0.05) / (low + 0.05) > 4.5  # the least contrast of WCAG, level AA
+        assert tab.evaluate(STATE)['faint'] == []
     tab.context.close()
-
-
-def luminance(colour: str) -> float:
-    """Compute the relative luminance of ``rgb(…)``, as WCAG defines it."""
-    parts = [int(part) / 255 for part in re.findall(r'\d+', colour)[:3]]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))

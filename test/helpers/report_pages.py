@@ -27,6 +27,36 @@ READY = 'html[data-ready=yes]'
 DESKTOP, PHONE = (1280, 900), (390, 844)  # CSS pixels
 
 
+# Of each text its contrast with what is behind it (WCAG 2), and what stands in no landmark.
+STATE = """() => {
+  const light = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).slice(0, 3).map((one) => one / 255)
+      .map((one) => (one <= 0.03928 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if (!colour.endsWith(', 0)')) return colour;
+    }
+    return 'rgb(255, 255, 255)';
+  };
+  const texts = [...document.querySelectorAll('body *:not(script)')].filter((one) =>
+    one.checkVisibility() && !one.closest('#view, option, svg')
+    && [...one.childNodes].some((part) => part.nodeType === 3 && part.data.trim()));
+  const ratio = (one) => {
+    const [a, b] = [light(getComputedStyle(one).color), light(behind(one))];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  };
+  const landmark = 'header, main, footer, section[aria-label], section[aria-labelledby]';
+  return {
+    count: texts.length,
+    faint: texts.filter((one) => ratio(one) < 4.5).map((one) => one.outerHTML.slice(0, 90)),
+    nowhere: texts.filter((one) => !one.closest(landmark)).map((one) => one.outerHTML.slice(0, 90)),
+  };
+}"""
+
+
 def read_message(
     content: bytes,
 ) -> tuple[dict[str, Any], list[NDArray[np.uint32]], dict[str, NDArray[Any]]]:
