@@ -1,24 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pages as readers see them: built as HTML, from this folder and as rosdoc2 does it."""
+"""The pages as readers see them: built as HTML, as rosdoc2 does it."""
 
 from __future__ import annotations
 
 import html
 import re
 import shutil
-import subprocess
 import sys
 from typing import TYPE_CHECKING
 
 import pytest
 from helpers import ROOT
 from helpers.browsers import new_tab
+from helpers.programs import ended
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
+    import subprocess
     from pathlib import Path
 
     from playwright.sync_api import Browser
@@ -30,17 +31,10 @@ exec(open('doc/__conf.py').read())
 """
 
 
-def build(source: Path, target: Path, *options: str) -> subprocess.CompletedProcess[str]:
+def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
     """Build the pages; the result has the output of Sphinx."""
-    command = [sys.executable, '-m', 'sphinx', '-W', '--keep-going', '-q', *options]
-    return subprocess.run(
-        [*command, str(source), str(target)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        cwd=source,
-    )
+    options = ('-W', '--keep-going', '-q')
+    return ended(sys.executable, '-m', 'sphinx', *options, source, target, folder=source)
 
 
 def words(page: Path) -> str:
@@ -52,14 +46,22 @@ def words(page: Path) -> str:
 
 @pytest.fixture(scope='module')
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build all pages, every warning being an error."""
-    target = tmp_path_factory.mktemp('html')
-    result = build(ROOT / 'doc', target)
+    """Build all pages as rosdoc2 does, every warning being an error.
+
+    It copies them into another folder, with a configuration around it that runs the project's own.
+    """
+    folder = tmp_path_factory.mktemp('html')
+    shutil.copytree(ROOT / 'doc', folder / 'doc')
+    (folder / 'doc' / 'conf.py').rename(folder / 'doc' / '__conf.py')
+    (folder / 'conf.py').write_text(WRAPPER, encoding='utf-8')
+    (folder / 'index.rst').write_text('Package\n=======\n\n.. toctree::\n\n   doc/index\n')
+    result = build(folder, folder / 'html')
     assert result.returncode == 0, result.stderr
-    return target
+    return folder / 'html' / 'doc'
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_parameter_is_shown(pages: Path) -> None:
     """With its range and its sentence: on the page of all, and a detector's on its own page."""
     for parameter in describe():
@@ -73,6 +75,7 @@ def test_every_parameter_is_shown(pages: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_detector_is_shown(pages: Path) -> None:
     """With its bit and its sentence, in the table of all."""
     text = words(pages / 'detectors' / 'index.html')
@@ -82,9 +85,11 @@ def test_every_detector_is_shown(pages: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_pages_fit_a_phone(pages: Path, browser: Browser) -> None:
     """No page scrolls sideways on a screen of 390 px; wide tables and code scroll by themselves."""
     tab = new_tab(browser, viewport={'width': 390, 'height': 844})
+    tab.context.set_offline(True)
     widths = {}
     for page in pages.rglob('*.html'):
         tab.goto(page.as_uri())
@@ -93,33 +98,16 @@ def test_pages_fit_a_phone(pages: Path, browser: Browser) -> None:
     assert {name: width for name, width in widths.items() if width > 390} == {}
 
 
-@pytest.mark.slow
-def test_built_as_rosdoc2_does(tmp_path: Path) -> None:
-    """Copied into another folder, with a configuration around it that runs the project's own."""
-    shutil.copytree(ROOT / 'doc', tmp_path / 'doc')
-    (tmp_path / 'doc' / 'conf.py').rename(tmp_path / 'doc' / '__conf.py')
-    (tmp_path / 'conf.py').write_text(WRAPPER, encoding='utf-8')
-    (tmp_path / 'index.rst').write_text('Package\n=======\n\n.. toctree::\n\n   doc/index\n')
-    result = build(tmp_path, tmp_path / 'html')
-    assert result.returncode == 0, result.stderr
-    assert 'alpha_beta_gamma.before' in words(tmp_path / 'html' / 'doc' / 'parameters.html')
-
-
 def test_built_from_an_installed_package(tmp_path: Path) -> None:
     """What lies outside the folder is found beside it, wherever the package is."""
     (tmp_path / 'lidar_outlier_filter').symlink_to(ROOT / 'lidar_outlier_filter')
     program = 'import runpy, sys; print(runpy.run_path(sys.argv[1])["inserted"]())'
-    result = subprocess.run(
-        [sys.executable, '-c', program, str(ROOT / 'doc' / 'conf.py')],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = ended(sys.executable, '-c', program, ROOT / 'doc' / 'conf.py', folder=tmp_path)
     assert 'CONTRIBUTING.md' in result.stdout, result.stderr
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_unknown_mark_ends_the_build(tmp_path: Path) -> None:
     """A page that asks for what nobody has is no page."""
     shutil.copy(ROOT / 'doc' / 'conf.py', tmp_path)

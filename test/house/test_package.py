@@ -275,6 +275,7 @@ WAYS = {
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize('way', WAYS)
 def test_packages_bring_portable_kernels(way: str, tmp_path: Path) -> None:
@@ -357,6 +358,7 @@ def workspace(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_colcon_installs(workspace: Workspace) -> None:
     """ROS finds the package by its marker, package.xml, and every launch and config file."""
     index = workspace.prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
@@ -372,6 +374,7 @@ def test_colcon_installs(workspace: Workspace) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_colcon_compiles_what_it_installs(workspace: Workspace) -> None:
     """Beside the installed package, where it was asked to."""
     linked = (workspace.root / 'build' / NAME / NAME).is_symlink()
@@ -381,6 +384,7 @@ def test_colcon_compiles_what_it_installs(workspace: Workspace) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_built_node_starts(workspace: Workspace) -> None:
     """`ros2 run` finds the node; it starts, reads its parameters, and refuses one that is wrong."""
     node = workspace.prefix / 'lib' / NAME / 'outlier_filter_node'
@@ -392,6 +396,7 @@ def test_the_built_node_starts(workspace: Workspace) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_built_command_is_this_package(workspace: Workspace) -> None:
     """What runs is the package in the workspace, not the one that is tested."""
     command = workspace.prefix / 'lib' / NAME / 'lidar-outlier-filter'

@@ -14,6 +14,7 @@ from helpers.page_runs import NOT_RUN, Pages, commands, pages, reason
 if TYPE_CHECKING:
     from pathlib import Path
 
+LONG = (pytest.mark.slow, pytest.mark.long)
 RUN = [name for name in pages() if not all(map(reason, commands(ROOT / name)))]
 
 
@@ -25,6 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory, real_data: Path) -> Pages:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize('name', RUN)
 def test_commands_run(runs: Pages, name: str) -> None:
     """Every command of a page ends with the status of success."""
@@ -44,7 +46,7 @@ def test_what_is_not_run_has_a_reason() -> None:
 @pytest.mark.parametrize(
     'name',
     [
-        pytest.param(name, marks=() if source is page_sources.tables else pytest.mark.slow)
+        pytest.param(name, marks=() if source is page_sources.tables else LONG)
         for name, (source, _) in SOURCES.items()
     ],
 )

@@ -64,6 +64,7 @@ def test_bits_are_those_of_loops() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_kernel_leaves_its_arrays() -> None:
     """Nor does one of any detector, its choices and its explanation; each kernel is called."""
     done = subprocess.run(
