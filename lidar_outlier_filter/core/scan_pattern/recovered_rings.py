@@ -48,15 +48,15 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
     """
     best, least = Origin(0.0, 0.0), math.inf
-    few = slice(None, None, max(1, len(z) // COARSE_POINTS))
+    # Copies lie together in memory: only for such arrays the kernel is compiled beforehand.
+    few, their_z = (one[:: max(1, len(z) // COARSE_POINTS)].copy() for one in (flat, z))
     for i in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
         for j in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
             tried = Origin(STEP_M * i, STEP_M * j)
-            value = spread(flat[few], z[few], *tried)
+            value = spread(few, their_z, *tried)
             if value < least:
                 best, least = tried, value
-    many = slice(None, None, max(1, len(z) // FINE_POINTS))
-    flat, z = flat[many], z[many]
+    flat, z = (one[:: max(1, len(z) // FINE_POINTS)].copy() for one in (flat, z))
     least, step = spread(flat, z, *best), STEP_M / 2
     while step >= FINEST_STEP_M:
         for _ in range(MOVES):

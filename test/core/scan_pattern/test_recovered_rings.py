@@ -95,6 +95,8 @@ def test_origin_of_beams(origin: tuple[float, float], within: float) -> None:
     flat = np.hypot(xyz[:, 0], xyz[:, 1])
     order = np.lexsort((flat, xyz[:, 2]))
     assert rings.find_origin(flat[order], xyz[order, 2]) == pytest.approx(origin, abs=within)
+    layouts = {kind.layout for made in rings.spread.signatures for kind in made[:2]}  # type: ignore[attr-defined]
+    assert layouts == {'C'}  # what is compiled beforehand
     assert share_right(rings.recover_rings(xyz), ring) == 1.0
 
 
