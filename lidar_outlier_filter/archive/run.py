@@ -22,7 +22,7 @@ from lidar_outlier_filter.archive.sidecar import (
     parameters_hash,
 )
 from lidar_outlier_filter.archive.workers import Workers
-from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error
+from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error, refusing
 
 POLL_S = 0.2  # between two checks for an interrupt
 AHEAD = 2  # tasks for each worker, of which one waits
@@ -47,22 +47,21 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
         return replace(record, seconds=round(perf_counter() - began, 3), finished=now)
 
     try:
-        if job.dry:
-            return job.make(task, Path(), goal, note, inform)
-        before = find_outputs(task)
-        if (done := before.done(goal, task)) is not None:
-            return Result(done)
-        with workshop(task.folder) as built:
-            made = job.make(task, built, goal, note, inform)
-            source_hash = content_hash(task.location)
-            task.location.check_unchanged(job.what)
-            record = timed(replace(made.record, source_hash=source_hash))
-            return replace(made, record=publish(task, built, record, made.log, before))
+        # Whatever it is, the next one is worked on.
+        with refusing(FilterError, f'the {job.what} {task.location.path}', job.done):
+            if job.dry:
+                return job.make(task, Path(), goal, note, inform)
+            before = find_outputs(task)
+            if (done := before.done(goal, task)) is not None:
+                return Result(done)
+            with workshop(task.folder) as built:
+                made = job.make(task, built, goal, note, inform)
+                source_hash = content_hash(task.location)
+                task.location.check_unchanged(job.what)
+                record = timed(replace(made.record, source_hash=source_hash))
+                return replace(made, record=publish(task, built, record, made.log, before))
     except FilterError as err:
-        wrong = err
-    except Exception as err:  # noqa: BLE001  whatever it is, the next one is worked on
-        wrong = FilterError(f'the {job.what} {task.location.path}', job.done, quote_error(err))
-    return Result(timed(replace(goal, error=str(wrong))))
+        return Result(timed(replace(goal, error=str(err))))
 
 
 def attempt_on_worker(task: Task, job: Job, goal: ArchiveRecord) -> Result:

@@ -19,6 +19,7 @@ INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
 # Okabe and Ito: distinguished by everybody, and in grey.
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 DASHES = ('-', '--', '-.', ':')
+ABOUT_DOT = ', dot: as it was run'
 SUFFIXES = ('.png', '.svg')
 DPI = 130
 MAX_DECADES = 6
@@ -39,19 +40,19 @@ def draw_roc(
 
     """
     check(curves)
+    settings = settings or {}
     figure = Figure((10.5, 4.8), facecolor='white', layout='constrained')
     plain, close = figure.subplots(1, 2)
     fewest = min(1 / curve.lost[-1] for curve in curves.values())
     left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MAX_DECADES)
     for number, (name, whole) in enumerate(curves.items()):
         curve, style = whole.thinned(), style_of(number)
-        text = f'{name}  AUC {whole.auc:.4f}' + _about(name, settings)
+        text = f'{name}  AUC {whole.auc:.4f}' + ABOUT_DOT * (name in settings)
         plain.plot(curve.false_rejections, curve.recall, label=text, **style)
         # A logarithm has no 0: the curve enters at the left edge with what it had there.
         shown = np.maximum(curve.false_rejections, left)
         close.plot(shown, curve.recall, label=text, drawstyle='steps-post', **style)
-        if settings and name in settings:
-            dot = settings[name]
+        if dot := settings.get(name):
             for axes in (plain, close):
                 where = max(dot.false_rejections.ratio, left)
                 _mark(axes, where, dot.recall.ratio, style['color'])
@@ -71,14 +72,14 @@ def draw_precision_recall(
 ) -> list[Path]:
     """Draw precision–recall curves; see :func:`draw_roc`."""
     check(curves)
+    settings = settings or {}
     figure = Figure((6.4, 4.8), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, whole) in enumerate(curves.items()):
         curve, style = whole.thinned(), style_of(number)
-        text = f'{name}  average {whole.average_precision:.4f}' + _about(name, settings)
+        text = f'{name}  average {whole.average_precision:.4f}' + ABOUT_DOT * (name in settings)
         axes.plot(curve.recall, curve.precision, label=text, drawstyle='steps-pre', **style)
-        if settings and name in settings:
-            dot = settings[name]
+        if dot := settings.get(name):
             _mark(axes, dot.recall.ratio, dot.precision.ratio, style['color'])
     dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
     axes.set_xlim(0, 1.01)
@@ -100,10 +101,6 @@ def style_of(number: int) -> dict[str, Any]:
         'linestyle': DASHES[number // len(COLOURS) % len(DASHES)],
         'linewidth': 1.7,
     }
-
-
-def _about(name: str, settings: Mapping[str, Confusion] | None) -> str:
-    return ', dot: as it was run' if settings and name in settings else ''
 
 
 def _mark(axes: Axes, x: float, y: float, colour: str) -> None:

@@ -27,7 +27,7 @@ from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON,
 from lidar_outlier_filter.disk.new_files import new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cloud_file import Change, CloudFile, open_cloud
+from lidar_outlier_filter.files.cloud_file import FORMATS, Change, CloudFile, open_cloud
 from lidar_outlier_filter.files.judged_file import (
     CLASS,
     MARK,
@@ -201,9 +201,10 @@ def list_clouds(
         if cloud.name.lower().endswith('.copc.laz'):
             must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
             raise CloudError('the output', must_be, cloud)
-        if not cloud_file.is_copy_format(file.path, cloud):
-            name = file.path.with_suffix(cloud_file.copy_suffix(file.path)).name
-            raise CloudError('the output', f'in the format of {name}', cloud)
+        suffix = cloud_file.copy_suffix(file.path)
+        if FORMATS.get(cloud.suffix.lower()) != FORMATS.get(suffix.lower()):
+            must_be = f'in the format of {file.path.with_suffix(suffix).name}'
+            raise CloudError('the output', must_be, cloud)
     return clouds
 
 

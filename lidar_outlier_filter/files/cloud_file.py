@@ -158,13 +158,6 @@ def copy_suffix(path: Path) -> str:
     return _COPIES.get(path.suffix.lower(), path.suffix)
 
 
-def is_copy_format(path: Path, copy: Path) -> bool:
-    """Return whether a name is that of a file in the format of a file's copies."""
-    suffixes = (copy_suffix(path), copy.suffix)
-    expected, got = (FORMATS.get(suffix.lower()) for suffix in suffixes)
-    return expected == got
-
-
 def read(
     file: CloudFile, names: Sequence[str], *, exact: bool = False
 ) -> Iterator[tuple[NDArray[Any], ...]]:

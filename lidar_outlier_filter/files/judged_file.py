@@ -296,16 +296,12 @@ def describe_file(path: Path) -> FileInfo:
     types = {name: str(kind) for name, kind in file.columns.items()}
     about = dict(file.about)
     if file.classes:
-        about |= {'CRS': file.crs or 'none', 'unit': _unit(file)}
+        try:
+            unit = unit_text(file.metres)
+        except CloudError as err:
+            unit = str(err)
+        about |= {'CRS': file.crs or 'none', 'unit': unit}
     return FileInfo(len(file), types, extent, about, *_method(file))
-
-
-def _unit(file: CloudFile) -> str:
-    """Name the units of the coordinates of a file that may name some."""
-    try:
-        return unit_text(file.metres)
-    except CloudError as err:
-        return str(err)
 
 
 def unit_text(metres: Mapping[str, float]) -> str:
