@@ -131,13 +131,14 @@ def _preset(options: argparse.Namespace) -> int:
             advance(round(STEPS * done), STEPS)
 
         made = make(options.preset, options.seed, options.share, progress)
-        truth = write(made, output, lambda _: leave_if_asked())
-    show(_table(truth.causes), f'written to {output}')
+        causes = write(made, output, lambda _: leave_if_asked())
+    show(_table(causes), f'written to {output}')
     return DONE
 
 
 def _onto(options: argparse.Namespace) -> int:
     from lidar_outlier_lab.simulation.weather.clouds import put_onto
+    from lidar_outlier_lab.simulation.world.recording import by_cause
 
     if options.share is not None:
         raise FilterError('--share', 'given with a PRESET', options.share)
@@ -155,7 +156,7 @@ def _onto(options: argparse.Namespace) -> int:
             inform=say,
         )
     hidden = f'surfaces that are hidden now: {counts.hidden:,}'
-    show(_table(counts.causes), hidden, f'written to {output}')
+    show(_table(by_cause(counts.labels)), hidden, f'written to {output}')
     if counts.untouched:
         clouds = f'{counts.untouched} of {counts.messages} clouds'
         say(f'{clouds} have too few points to show how their sensor turns: no weather in these')

@@ -15,14 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Ints, Progress
-from lidar_outlier_filter.evaluation.confusion import (
-    Confusion,
-    Interval,
-    curve,
-    f1,
-    f1_interval,
-    tally,
-)
+from lidar_outlier_filter.evaluation.confusion import Confusion, curve, f1, f1_interval, tally
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_lab.results.contestants import (
     DEFAULT,
@@ -96,11 +89,6 @@ class Standing:
     def worst(self) -> float:
         """Lowest F1 of any seed; one without any F1 (nothing rejected) counts as 0."""
         return float(np.nan_to_num(f1(self.by_seed)).min())
-
-    def interval(self) -> Interval:
-        """Say how far the F1 would vary between drives; of one seed, between its stretches."""
-        counts = self.by_seed if len(self.records) > 1 else self.records[0].counts
-        return f1_interval(counts)
 
 
 Standings = dict[str, dict[str, Standing]]  # by sample, then by contestant
@@ -330,8 +318,9 @@ def figures(standing: Standing) -> tuple[str, ...]:
 
 
 def interval(standing: Standing) -> str:
-    """Write between which limits the F1 is believed to lie."""
-    low, high = standing.interval()
+    """Write how far the F1 would vary between drives; of one seed, between its stretches."""
+    several = len(standing.records) > 1
+    low, high = f1_interval(standing.by_seed if several else standing.records[0].counts)
     return NOTHING if math.isnan(low) else f'{low:.3f} – {high:.3f}'
 
 

@@ -19,6 +19,7 @@ from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, joined_clouds
 from lidar_outlier_filter.evaluation.labels import CloudLabels
 from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, number_table, percent
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
@@ -32,7 +33,7 @@ from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.drive import Drive
-from lidar_outlier_lab.simulation.world.recording import Truth, record
+from lidar_outlier_lab.simulation.world.recording import record
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
@@ -98,13 +99,13 @@ def _filter(
     forms: Mapping[str, Mapping[str, object]],
     advance: Advance,
     lines_per_message: int = 10,
-) -> tuple[Truth, dict[str, Evaluation]]:
+) -> tuple[dict[Cause, int], dict[str, Evaluation]]:
     """Record a drive, filter it in each form into a folder beside it, and score each."""
 
     def simulating(done: float) -> None:
         advance(round(100 * done), 100, f'simulating, {bag.name}')
 
-    truth = record(drive, bag, lines_per_message=lines_per_message, progress=simulating)
+    causes = record(drive, bag, lines_per_message=lines_per_message, progress=simulating)
     results = {}
     for form, values in forms.items():
 
@@ -113,7 +114,7 @@ def _filter(
 
         replay(bag, bag.parent / form, parameters=values, progress=filtering)
         results[form] = evaluate(read_recording(bag.parent / form), CAUSES)
-    return truth, results
+    return causes, results
 
 
 def _points(recording: Path, number: int | None = None) -> tuple[Rows, Bools]:
@@ -152,9 +153,10 @@ def _check(output: Path) -> None:
         raise RecordingError('the output', must_be, f'{output}, which holds something else')
 
 
-def _said(truth: Truth) -> str:
-    share = 100 * truth.outliers / max(truth.points, 1)
-    return f'{truth.points} points, {truth.outliers} ({share:.2f} %) of them outliers.'
+def _said(causes: Mapping[Cause, int]) -> str:
+    points = sum(causes.values())
+    bad = points - causes[Cause.GOOD]
+    return f'{points} points, {bad} ({100 * bad / max(points, 1):.2f} %) of them outliers.'
 
 
 def _left(output: Path) -> Iterator[str]:

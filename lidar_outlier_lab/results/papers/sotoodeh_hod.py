@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints, Progress
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Progress
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
@@ -20,7 +20,6 @@ from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import panels, published
 from lidar_outlier_lab.results.papers.panels import draw, view
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters, tripod
-from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
 PAPER = Hierarchical()  # 99 % and 95 %, 100 points: the paper's, the last for its scans only
 MIN_CLUSTERS = (10, 20, 50, 100, 150)  # points of a cluster that stays
@@ -36,8 +35,8 @@ def section(_presets: Sequence[str], seed: int, folder: Path, progress: Progress
     tidy = [_counts(seeds, phase, cluttered=False) for phase in (1, 2)]
     cluttered = [_counts(seeds, phase, cluttered=True) for phase in (1, 2)]
     progress(1, STEPS, 'figure 2')
-    scene = sotoodeh_clusters.simulate(seed, cluttered=True)
-    draw_course(scene, PAPER, folder / 'sotoodeh2007_figure_2.png')
+    xyz, bad = sotoodeh_clusters.simulate(seed, cluttered=True)
+    draw_course(xyz, bad, PAPER, folder / 'sotoodeh2007_figure_2.png')
     progress(2, STEPS, 'figure 4')
     scans = _figure_4(seed, folder)
     return paragraphs(
@@ -61,10 +60,10 @@ def _counts(seeds: Iterable[int], phase: int, *, cluttered: bool) -> tuple[float
     """Return the means of the four counts of a phase, in the paper's order, of what it saw."""
     rows = []
     for seed in seeds:
-        scene = sotoodeh_clusters.simulate(seed, cluttered=cluttered)
-        outcome = hierarchical.detect(scene.xyz, PAPER)
+        xyz, bad = sotoodeh_clusters.simulate(seed, cluttered=cluttered)
+        outcome = hierarchical.detect(xyz, PAPER)
         seen = (outcome.phase == 0) | (outcome.phase >= phase)
-        one = confusion(scene.outlier[seen], outcome.phase[seen] == phase)
+        one = confusion(bad[seen], outcome.phase[seen] == phase)
         rows.append((one.kept, one.lost, one.missed, one.found))
     return tuple(map(float, np.mean(rows, axis=0)))
 
@@ -75,9 +74,7 @@ def _least(seeds: Iterable[int]) -> str:
     rows = []
     for least in MIN_CLUSTERS:
         how = replace(PAPER, min_cluster=least)
-        counts = [
-            confusion(one.outlier, hierarchical.detect(one.xyz, how).phase > 0) for one in scenes
-        ]
+        counts = [confusion(bad, hierarchical.detect(xyz, how).phase > 0) for xyz, bad in scenes]
         means = np.mean([(one.lost, one.missed, one.found) for one in counts], axis=0).tolist()
         rows.append((f'{least} points', *(f'{mean:.1f}' for mean in means)))
     return table(('least cluster', 'inliers lost', 'outliers left', 'outliers found'), rows)
@@ -173,29 +170,29 @@ def course(xyz: Floats, parameters: Hierarchical) -> tuple[Ints, Ints, Ints, Int
     return ends, ends[kept], np.concatenate([empty, *graphs]), left, phase
 
 
-def draw_course(scene: LabelledClusters, parameters: Hierarchical, path: Path) -> None:
+def draw_course(xyz: Floats, bad: Bools, parameters: Hierarchical, path: Path) -> None:
     """Draw six panels: the cloud, its spanning tree, pruned, Gabriel graphs, pruned, the rest."""
-    tree, pruned_tree, graph, pruned_graph, phase = course(scene.xyz, parameters)
-    every = np.ones(len(scene.xyz), np.bool_)
+    tree, pruned_tree, graph, pruned_graph, phase = course(xyz, parameters)
+    every = np.ones(len(xyz), np.bool_)
     rough, clean = phase != 1, phase == 0
     nothing = np.empty((0, 2), np.int64)
     confidences = parameters.global_confidence, parameters.local_confidence
     interval = [f'{100 * one:.0f} %' for one in confidences]
     shown = (
-        (f'a  input: {len(scene.xyz)} points', every, nothing),
+        (f'a  input: {len(xyz)} points', every, nothing),
         ('b  Euclidean minimum spanning tree', every, tree),
         (f'c  tree pruned by the {interval[0]} interval', every, pruned_tree),
         ('d  Gabriel graphs of the large clusters', rough, graph),
         (f'e  graphs pruned by the {interval[1]} interval', rough, pruned_graph),
         (f'f  clean: {np.count_nonzero(clean)} points', clean, nothing),
     )
-    flat = _project(scene.xyz)
+    flat = _project(xyz)
     # What was lost is shown in the last panel, where it would have stayed.
     views = []
     for title, some, edges in shown[:-1]:
         kept = np.ones(np.count_nonzero(some), np.bool_)
-        views.append(panels.view(title, flat[some], scene.outlier[some], kept, flat[edges]))
-    views.append(panels.view(shown[-1][0], flat, scene.outlier, clean))
+        views.append(panels.view(title, flat[some], bad[some], kept, flat[edges]))
+    views.append(panels.view(shown[-1][0], flat, bad, clean))
     panels.draw([views[:3], views[3:]], path, ('right, m', 'up, m'), row=4.2)
 
 

@@ -9,7 +9,6 @@ far from both, and 4 single points and a cluster of 5 near to one.
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,22 +29,10 @@ FIRST_TWIG, LONGER = 0.12, 1.6  # metres from the wall to the first, and how eac
 MARGIN = (np.array([0.6, 0.6, 0.6]), np.array([0.6, 1.2, 0.6]))  # around the good points, metres
 
 
-class LabelledClusters(NamedTuple):
-    """A cloud with its truth.
-
-    Attributes
-    ----------
-    xyz : (656, 3) metres, y away from the scanner, z up
-    outlier : (656,) bool, whether the point is on no surface
-
-    """
-
-    xyz: Floats
-    outlier: Bools
-
-
-def simulate(seed: int, *, cluttered: bool = False) -> LabelledClusters:
+def simulate(seed: int, *, cluttered: bool = False) -> tuple[Floats, Bools]:
     """Scan the two surfaces and scatter the outliers; the same seed gives the same points.
+
+    Points (656, 3) are in metres, y away from the scanner, z up; outliers (656,) are on no surface.
 
     With clutter some of the good points are on thin things that stick out of the wall, the farther
     the sparser: points that are right, and that no method which goes by distances can keep.
@@ -72,7 +59,7 @@ def simulate(seed: int, *, cluttered: bool = False) -> LabelledClusters:
         ]
     )
     truth = np.arange(len(good) + len(outliers)) >= len(good)
-    return LabelledClusters(np.concatenate([good, outliers]), truth)
+    return np.concatenate([good, outliers]), truth
 
 
 def _grid(rng: np.random.Generator, shape: tuple[int, int], step: float) -> tuple[Floats, Floats]:
@@ -116,13 +103,13 @@ def cloud(
     """Simulate Sotoodeh's cloud, all of one instant (t = 0); its share of outliers is fixed."""
     if share is not None:
         raise FilterError('the share', 'left as it is in this preset', share)
-    scene = simulate(seed)
-    points = np.zeros(len(scene.xyz), np.dtype([*FIRST, *TRUTH]))
+    xyz, outlier = simulate(seed)
+    points = np.zeros(len(xyz), np.dtype([*FIRST, *TRUTH]))
     for axis, name in enumerate('xyz'):
-        points[name] = scene.xyz[:, axis]
-    rank = np.cumsum(scene.outlier)
+        points[name] = xyz[:, axis]
+    rank = np.cumsum(outlier)
     cause = np.where(rank <= SINGLES, Cause.SINGLE, Cause.CLUSTER)
-    points['label'] = np.where(scene.outlier, cause, Cause.GOOD)
-    points['surface'] = np.where(scene.outlier, Kind.AIR, Kind.FACADE)
+    points['label'] = np.where(outlier, cause, Cause.GOOD)
+    points['surface'] = np.where(outlier, Kind.AIR, Kind.FACADE)
     progress(1.0)
     yield Cloud(START, START, points)

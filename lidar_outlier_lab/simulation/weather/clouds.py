@@ -21,7 +21,6 @@ from rosbags.typesys.store import Typestore
 from lidar_outlier_filter.core.annotations import Bools, Ints
 from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, Points, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
-from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import is_empty
 from lidar_outlier_filter.messages.decoder import Convention, Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -53,11 +52,6 @@ class WeatherCounts:
     untouched: int = 0
     unread: int = 0
     labels: Ints = field(default_factory=lambda: np.zeros(256, np.int64))
-
-    @property
-    def causes(self) -> dict[Cause, int]:
-        """Number of points by their cause; 0 is good."""
-        return {cause: int(self.labels[cause]) for cause in Cause}
 
 
 class CloudWeather:

@@ -18,7 +18,7 @@ from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointCloud2 as P
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__PointField as PointField
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 
-from lidar_outlier_filter.core.annotations import Rows
+from lidar_outlier_filter.core.annotations import Ints, Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_filter.messages.cloud import DATATYPES
@@ -41,17 +41,9 @@ class Cloud:
     frame: str = FRAME
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What a recording holds."""
-
-    points: int
-    causes: dict[Cause, int]
-
-    @property
-    def outliers(self) -> int:
-        """Number of points that are not good."""
-        return self.points - self.causes[Cause.GOOD]
+def by_cause(labels: Ints) -> dict[Cause, int]:
+    """Name the causes of counts by label (256,); 0 is good."""
+    return {cause: int(labels[cause]) for cause in Cause}
 
 
 def clouds(drive: Drive, lines_per_message: int = 10) -> Iterator[tuple[int, Rows]]:
@@ -117,8 +109,8 @@ def record(
     *,
     lines_per_message: int = 10,
     progress: Callable[[float], object] = lambda _: None,
-) -> Truth:
-    """Write a drive as an MCAP bag, and count what is in it; ``progress`` gets the share done.
+) -> dict[Cause, int]:
+    """Write a drive as an MCAP bag, and count points by cause; ``progress`` gets the share done.
 
     Raises
     ------
@@ -133,8 +125,8 @@ def record(
 
 def write(
     made: Iterable[Cloud], bag: Path, progress: Callable[[Cloud], object] = lambda _: None
-) -> Truth:
-    """Write clouds as an MCAP bag, and count what is in them; ``progress`` gets what is written.
+) -> dict[Cause, int]:
+    """Write clouds as an MCAP bag, and count points by cause; ``progress`` gets what is written.
 
     Raises
     ------
@@ -158,4 +150,4 @@ def write(
             recording.write(channels[cloud.topic], cloud.sent, data)
             causes += np.bincount(cloud.points['label'], minlength=256)
             progress(cloud)
-    return Truth(int(causes.sum()), {cause: int(causes[cause]) for cause in Cause})
+    return by_cause(causes)

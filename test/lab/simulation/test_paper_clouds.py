@@ -117,15 +117,15 @@ def test_clusters(seed: int) -> None:
     assert gap[:36].min() > FAR[0]
     assert NEAR[0] < gap[36:40].min()
     assert gap[36:40].max() < NEAR[1]
-    np.testing.assert_array_equal(xyz, simulate(seed).xyz)
-    assert not np.array_equal(xyz, simulate(seed + 1).xyz)
+    np.testing.assert_array_equal(xyz, simulate(seed)[0])
+    assert not np.array_equal(xyz, simulate(seed + 1)[0])
 
 
 def test_course() -> None:
     """Each step is made of the one before, and the last one is the result."""
-    scene, parameters = simulate(0), Hierarchical()
-    *edges, phase = sotoodeh_hod.course(scene.xyz, parameters)
-    assert len(edges[0]) == len(scene.xyz) - 1
+    (xyz, _), parameters = simulate(0), Hierarchical()
+    *edges, phase = sotoodeh_hod.course(xyz, parameters)
+    assert len(edges[0]) == len(xyz) - 1
     tree, pruned_tree, graph, pruned_graph = (
         {(min(p, q), max(p, q)) for p, q in ends.tolist()} for ends in edges
     )
@@ -135,7 +135,7 @@ def test_course() -> None:
     # A minimum spanning tree is part of the Gabriel graph.
     assert {edge for edge in pruned_tree if edge[0] in rough} < graph
     assert {p for edge in graph for p in edge} == set(rough.tolist())
-    clean = hierarchical.detect(scene.xyz, parameters)
+    clean = hierarchical.detect(xyz, parameters)
     np.testing.assert_array_equal(phase, clean.phase)
 
 
