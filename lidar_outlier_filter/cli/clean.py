@@ -77,6 +77,9 @@ def _clean_many(
 
     tasks = _tasks(options, folder)
     _check(options, len(tasks), is_archive=True)
+    if folder is not None and not options.dry_run:
+        with refusing(ParameterError, f'--output {folder}', 'a folder', OSError):
+            folder.mkdir(parents=True, exist_ok=True)
     job = CleanJob(parameters, asdict(_clean_options(options)), inspect)
     records, results = go_through(tasks, job, options, 'cleaning', folder)
     tables.show_cleaned(tasks, records, results, job)
@@ -156,9 +159,6 @@ def _folder(options: argparse.Namespace) -> Path | None:
         raise ParameterError('--output of several files', 'a folder', output)
     for root in roots:
         refuse_inside(output, root)
-    if not options.dry_run:
-        with refusing(ParameterError, f'--output {output}', 'a folder', OSError):
-            output.mkdir(parents=True, exist_ok=True)
     return output
 
 

@@ -97,6 +97,7 @@ def test_refused_files(tmp_path: Path) -> None:
     np.save(tmp_path / 'half.npy', np.array([1.0, 0.5]))
     np.save(tmp_path / 'nan.npy', np.array([np.nan]))
     np.save(tmp_path / 'large.npy', np.array([1, -70000]))
+    np.save(tmp_path / 'pickle.npy', np.array([{}], object))
     (tmp_path / 'broken.las').write_bytes(b'LASF')
     table(tmp_path / 'a.csv', x=[1.0])
     for name, match in (
@@ -106,6 +107,7 @@ def test_refused_files(tmp_path: Path) -> None:
         ('half.npy', r'must be whole numbers up to 65535, got 0\.5'),
         ('nan.npy', r'must be whole numbers up to 65535, got nan'),
         ('large.npy', r'must be whole numbers up to 65535, got -70000'),
+        ('pickle.npy', r'pickle\.npy must be readable, got .*allow_pickle=False'),
         ('broken.las', r'the header of .*broken\.las must be of at least 227 bytes, got 4'),
         ('none.npy', r'none\.npy must be a file, got none'),
         ('a.csv', r"must be one of x, got 'code'"),
