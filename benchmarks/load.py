@@ -3,12 +3,13 @@
 """A node under load: a sensor, the filter and a listener, each a process, over the real middleware.
 
     python benchmarks/load.py [--rings N] [--rate HZ] [--columns N] [--seconds S] [--then HZ]
-                              [--write TITLE] [NAME:=VALUE ...]
+                              [--write TITLE] [--sensors N] [--processes N] [NAME:=VALUE ...]
 
 A spinning sensor, 48 bytes per point, publishes best effort; with --then, at another rate for ten
-seconds more. Prints /diagnostics in each second, and at the end the clouds sent and received, the
-processor time per cloud, delays, growth of the filter's memory, and the time to recover. --write
-puts the row TITLE into the table in doc/results; with --then, into that of the policies.
+seconds more. Several sensors publish in turn, to one filter or to several processes. Prints
+/diagnostics in each second, and at the end clouds sent and received, the processor time per cloud,
+delays, growth of memory, and the time to recover. --write puts the row TITLE into the table in
+doc/results; with --then, into that of the policies.
 """
 
 # ruff: noqa: INP001, T201, PLC0415  a script, which prints, and imports ROS in each process
@@ -17,6 +18,7 @@ import argparse
 import os
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -28,10 +30,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 SHAPE = {'rings': 128, 'columns': 1024, 'rate': 10.0, 'seconds': 60.0, 'then': 0.0}
+SHAPE |= {'sensors': 1, 'processes': 1}
 PAGE = ROOT / 'doc' / 'results' / 'load.md'
 OUTLIERS = 0.005
 WARM = 5  # seconds until memory counts
 REST = 10.0  # seconds to watch afterwards
+NODE, TOPIC = 'lidar_outlier_filter.cli.node', '/sensor{}/points'
+COUNTED = ('messages', 'degraded', 'unfiltered for overload', 'dropped', 'lost')
 PERIOD_S = 1.0  # seconds between two messages on /diagnostics
 KEEP = ('MALLOC_MMAP_THRESHOLD_', 'MALLOC_TRIM_THRESHOLD_')  # of glibc: memory for the next cloud
 POINT = np.dtype(
@@ -75,11 +80,12 @@ def publish(options: argparse.Namespace) -> None:
 
     rclpy.init(args=[])
     node = rclpy.create_node('sensor')
-    publisher = node.create_publisher(PointCloud2, '/points', BEST_EFFORT)
-    rate, then = options.rate, options.then
-    sweeps = (sweep(options.rings, options.columns, 1 / rate, seed) for seed in range(4))
+    names = [TOPIC.format(number) for number in range(options.sensors)]
+    publishers = [node.create_publisher(PointCloud2, name, BEST_EFFORT) for name in names]
+    rate, then = (each * options.sensors for each in (options.rate, options.then))
+    sweeps = (sweep(options.rings, options.columns, 1 / options.rate, seed) for seed in range(4))
     messages = [cloud(rows) for rows in sweeps]
-    while not publisher.get_subscription_count():
+    while not all(one.get_subscription_count() for one in publishers):
         time.sleep(0.05)
     print('ready', flush=True)
     sys.stdin.readline()
@@ -93,7 +99,7 @@ def publish(options: argparse.Namespace) -> None:
             msg = messages[number % len(messages)]
             # As even as a sensor's, however busy the machine is.
             msg.header.stamp = Time(nanoseconds=stamp + round(number / frequency * 1e9)).to_msg()
-            publisher.publish(msg)
+            publishers[number % len(names)].publish(msg)
         text = f'sent {count} in {time.monotonic() - begin:.1f} s, at most {1e3 * late:.0f} ms late'
         print(f'{text}\n{time.monotonic()}', flush=True)
     sys.stdin.read()
@@ -144,13 +150,11 @@ def put(options: argparse.Namespace, samples: list[Sample], end: float, values: 
     """Put the run as a row into the table of loads, or with ``--then`` of policies."""
     from lidar_outlier_lab.results.markdown import write_row
 
-    sent = round(options.seconds * options.rate + REST * options.then)
+    sent = round(options.seconds * options.rate + REST * options.then) * options.sensors
     published = f'{values["messages"]} of {sent}'
     p95, longest = delays(samples, end)
     if options.then:
-        unfiltered = values.get('unfiltered for overload', 0)
-        counts = (values['degraded'], unfiltered, values['dropped'])
-        cells = [str(count) if int(count) else '' for count in counts]
+        cells = [str(values[name] or '') for name in COUNTED[1:4]]
         row = [published, *cells, f'{longest / 1e3:.1f} s', recovery(samples, end)]
     else:
         chains = [item for item in options.settings if item.startswith('chain:=')]
@@ -166,18 +170,11 @@ def summary(samples: list[Sample], end: float) -> str:
     growth = max(one.memory for one in samples[WARM:]) - samples[WARM].memory
     return (
         f'delay p95 {p95:.0f} ms (median of seconds), longest {longest:.0f} ms; memory '
-        f'+{growth:.0f} MB after {WARM} s; '
-        f'recovered after {recovery(samples, end)}'
+        f'+{growth:.0f} MB after {WARM} s; recovered after {recovery(samples, end)}'
     )
 
 
-def _busy(process: psutil.Process) -> float:
-    """Return the seconds of processor time that a process has taken."""
-    times = process.cpu_times()
-    return float(times.user + times.system)
-
-
-def measure(options: argparse.Namespace) -> int:
+def measure(options: argparse.Namespace) -> None:
     """Run the processes, and print the counts of clouds."""
     from helpers.live import counter, diagnoser, environment, next_status
     from helpers.programs import Program
@@ -186,46 +183,55 @@ def measure(options: argparse.Namespace) -> int:
     # As the node does: what the others need is taken from the filter's two cores.
     thrifty = {'MALLOC_ARENA_MAX': '1'} | dict.fromkeys(KEEP, str(1 << 29))
     settings = [word for item in options.settings for word in ('-p', item)]
-    arguments = ['--ros-args', *settings] if settings else []
     shape = [f'--{name}={getattr(options, name)}' for name in SHAPE]
-    samples = []
-    with (
-        diagnoser(env) as listening,
-        Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env) as node,
-        Program(__file__, '--publish', *shape, env=env | thrifty) as sensor,
-        counter('/points/cleaned', env | thrifty) as collecting,
-    ):
-        collecting.wait_for('matched')
+    names = [TOPIC.format(number) for number in range(options.sensors)]
+    samples, last, count = [], {}, options.processes
+    spent = lambda some: 1e3 * sum(sum(one.cpu_times()[:2]) for one in some)  # noqa: E731
+    sensor = Program(__file__, '--publish', *shape, env=env | thrifty)
+    with diagnoser(env) as listening, ExitStack() as stack:
+        programs = {
+            'filter': [
+                Program('-m', NODE, '--ros-args', '-p', f'inputs:={one}', *settings, env=env)
+                for one in (names[first::count] for first in range(count))
+            ],
+            'sensor': [sensor],
+            'listener': [counter(f'{name}/cleaned', env | thrifty) for name in names],
+        }
+        processes = {
+            name: [psutil.Process(stack.enter_context(one).pid) for one in some]
+            for name, some in programs.items()
+        }
+        for listener in programs['listener']:
+            listener.wait_for('matched')
         next_status(listening)
         sensor.wait_for('ready')
         # The sensor has found the filter; until the filter has found the sensor, clouds are lost.
         time.sleep(2 * PERIOD_S)
-        programs = {'sensor': sensor, 'filter': node, 'listener': collecting}
-        processes = {name: psutil.Process(program.pid) for name, program in programs.items()}
-        busy = {name: -_busy(process) for name, process in processes.items()}
+        busy = {name: -spent(some) for name, some in processes.items()}
         sensor.send('go')
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)
-            samples.append(sample(status, processes['filter'].memory_info().rss / 1e6))
+            memory = sum(process.memory_info().rss for process in processes['filter'])
+            samples.append(sample(status, memory / 1e6))
+            last[status['name']] = status['values']
         print(sensor.wait_for('sent'))
         end = float(sensor.wait_for(''))
         print('then', sensor.wait_for('sent'))
-        clouds = round(options.seconds * options.rate + REST * options.then)
-        shares = (
-            f'{name} {1e3 * (busy[name] + _busy(process)) / clouds:.1f}'
-            for name, process in processes.items()
-        )
-        print(f'processor time for a cloud sent, ms: {", ".join(shares)}')
-        collecting.close()
-        collecting.wait()
-        print(f'received {collecting.output[-1]}\n{summary(samples, end)}')
+        values = {name: sum(int(one.get(name, 0)) for one in last.values()) for name in COUNTED}
+        clouds = round(options.seconds * options.rate + REST * options.then) * len(names)
+        for name, some in processes.items():
+            print(f'{name}: {(busy[name] + spent(some)) / clouds:.1f} ms of processor a cloud')
+        for listener in programs['listener']:
+            listener.close()
+            listener.wait()
+            print(f'received {listener.output[-1]}')
+        print(f'{values} of {clouds}; {summary(samples, end)}')
     if options.write:
-        put(options, samples, end, status['values'])
-    return 0
+        put(options, samples, end, values)
 
 
-def main() -> int:
+def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -236,11 +242,8 @@ def main() -> int:
     parser.add_argument('--write', default='', metavar='TITLE')
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
-    if options.publish:
-        publish(options)
-        return 0
-    return measure(options)
+    (publish if options.publish else measure)(options)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()
