@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats, Rows
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -283,7 +283,7 @@ def test_recording(tmp_path: Path) -> None:
         times = [time for _, time, _ in recording.messages()]
         assert [topic.name for topic in recording.topics] == ['/lidar/points']
     assert np.diff(times).tolist() == [50_000_000, 25_000_000]
-    with pytest.raises(RecordingError, match='the output must be a new folder'):
+    with pytest.raises(FilterError, match='the output must be a new folder'):
         record(replace(demo_drive(), lines=1), tmp_path)
 
 
