@@ -82,24 +82,26 @@ class Progress:
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         """Take the tasks of a run."""
-        self._shares: dict[Task, float] = {}  # that are done
+        self._running: dict[Task, float] = {}  # shares that are done
         self._bytes, self._total = sum(task.location.size for task in tasks), len(tasks)
-        self._finished, self._last = 0, ''
+        self._bytes_done, self._finished, self._last = 0, 0, ''
 
-    def report(self, task: Task, share: float = 1.0) -> None:
-        """Note which share of a task is done; without one, it is finished."""
-        self._shares[task] = share
+    def report(self, task: Task, share: float) -> None:
+        """Note which share of a task is done."""
+        self._running[task] = share
         self._last = task.source
 
     def finish(self, task: Task) -> None:
         """Note that a task is finished."""
-        self.report(task)
+        self._running.pop(task, None)
+        self._bytes_done += task.location.size
         self._finished += 1
+        self._last = task.source
 
     def state(self) -> tuple[int, int, str]:
         """Return how many bytes of the inputs are done, and all; and a text with counts."""
-        shares = self._shares.copy().items()
-        done = sum(share * task.location.size for task, share in shares)
+        running = self._running.copy().items()
+        done = self._bytes_done + sum(share * task.location.size for task, share in running)
         return round(done), self._bytes, f'{self._finished} of {self._total}, {self._last}'
 
 

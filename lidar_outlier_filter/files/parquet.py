@@ -98,6 +98,8 @@ def _numbers(column: Any) -> NDArray[Any]:
 
 def _properties(path: Path, file: Any) -> dict[str, Any]:
     """Return the options of a writer for the compression and version of the file."""
+    if file.num_row_groups == 0:
+        return {}
     flat = [column.path for column in _columns(file) if not column.max_repetition_level]
     with readable(path):  # as in check_groups, which has read the repeated columns
         next(file.iter_batches(1, row_groups=[0], columns=flat), None)

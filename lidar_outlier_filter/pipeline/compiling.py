@@ -25,7 +25,8 @@ from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.neighbours.floor import count_low
-from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build, prune
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_build import SUBTREE, build
 from lidar_outlier_filter.core.points.mask import Mask, MaskLearner
 from lidar_outlier_filter.core.points.points import Points, returns
 from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
@@ -89,8 +90,7 @@ def make_ready(
     """
     _run_shared(_turns())
     if offline:
-        _, xyz, tree = build(np.zeros((SUBTREE + 1, 3)))
-        prune(tree, np.ones(len(xyz), np.bool_), xyz)
+        build(np.zeros((SUBTREE + 1, 3)))
         count_low(_turns().xyz, np.arange(COUNT))
         MaskLearner(1.0).add(_turns())
     chain = Chain(parameters)
@@ -105,8 +105,11 @@ def make_ready(
 
 
 def _run_shared(points: Points) -> None:
-    """Run the kernels that every chain may need: of decoding, poses, views, and recovered rings."""
+    """Run kernels that any chain may need: of decoding, copies, poses, views, recovered rings."""
     returns(points.xyz)
+    hood = Neighbourhood(np.append(points.xyz, points.xyz[:1], axis=0), 1)
+    hood.nearest(1)
+    hood.distinct()
     Mask.nothing(0).covers(points, 0.0)
     LineCounter().by_angle(points.range, points.valid)
     track = Track(1.0, 1.0)

@@ -184,8 +184,8 @@ class Channel:
     def _end(self) -> list[Received]:
         """Unsubscribe; return the clouds that were received and not served."""
         # Poses last: those of the last clouds may be received after them.
-        received, poses = self._drain(self._clouds), self._drain(self._odometry)
-        self._clouds = self._odometry = None
+        clouds, odometry, self._clouds, self._odometry = self._clouds, self._odometry, None, None
+        received, poses = self._drain(clouds), self._drain(odometry)
         for msg in poses:
             self._take_pose(msg)
         return [self._noted(data) for data in received]
