@@ -94,6 +94,18 @@ for points in (Drive(1, strays=0.1).points, sweep(1, 0.1, columns=300), Drive(3,
     for cloud in (points, mixed, points.take(slice(0, 400)), points.take(slice(0, 20))):
         chain.judge(cloud)
 """,
+    # With many points at one place, and two at another.
+    'copies': """
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
+
+chains, none = [parameters(chain=(name,)) for name in ('lof', 'hierarchical')], np.zeros(5000, int)
+for one in chains:
+    make_ready(one)
+before, xyz[:25], xyz[30] = called(), xyz[0], xyz[31]
+for one in chains:
+    Chain(one).judge(Points(xyz, none, none, none == 0))
+""",
     # A file without lines.
     'survey': """
 from lidar_outlier_filter import detect_outliers
