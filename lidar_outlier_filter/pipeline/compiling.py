@@ -93,6 +93,10 @@ def make_ready(
         build(np.zeros((SUBTREE + 1, 3)))
         count_low(_turns().xyz, np.arange(COUNT))
         MaskLearner(1.0).add(_turns())
+    if any(DETECTORS[name].lines != 'needs' for name in parameters.chain):
+        hood = Neighbourhood(np.append(_turns().xyz, _turns().xyz[:1], axis=0), 1)
+        hood.nearest(1)
+        hood.distinct()  # of a sample with a copy
     chain = Chain(parameters)
     for points in (points for sensor in sensors for points in _samples(sensor)):
         chain.judge(points)
@@ -105,11 +109,8 @@ def make_ready(
 
 
 def _run_shared(points: Points) -> None:
-    """Run kernels that any chain may need: of decoding, copies, poses, views, recovered rings."""
+    """Run the kernels that every chain may need: of decoding, poses, views, and recovered rings."""
     returns(points.xyz)
-    hood = Neighbourhood(np.append(points.xyz, points.xyz[:1], axis=0), 1)
-    hood.nearest(1)
-    hood.distinct()
     Mask.nothing(0).covers(points, 0.0)
     LineCounter().by_angle(points.range, points.valid)
     track = Track(1.0, 1.0)

@@ -99,12 +99,13 @@ for points in (Drive(1, strays=0.1).points, sweep(1, 0.1, columns=300), Drive(3,
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 
-chains, none = [parameters(chain=(name,)) for name in ('lof', 'hierarchical')], np.zeros(5000, int)
-for one in chains:
+xyz[:25], xyz[30], none = xyz[0], xyz[31], np.zeros(5000, int)
+for name in ('hierarchical', 'lof'):
+    one = parameters(chain=(name,))
     make_ready(one)
-before, xyz[:25], xyz[30] = called(), xyz[0], xyz[31]
-for one in chains:
+    before = called()
     Chain(one).judge(Points(xyz, none, none, none == 0))
+    assert called() == before, name
 """,
     # A file without lines.
     'survey': """
