@@ -93,10 +93,6 @@ def make_ready(
         build(np.zeros((SUBTREE + 1, 3)))
         count_low(_turns().xyz, np.arange(COUNT))
         MaskLearner(1.0).add(_turns())
-    if any(DETECTORS[name].lines != 'needs' for name in parameters.chain):
-        hood = Neighbourhood(np.append(_turns().xyz, _turns().xyz[:1], axis=0), 1)
-        hood.nearest(1)
-        hood.distinct()  # of a sample with a copy
     chain = Chain(parameters)
     for points in (points for sensor in sensors for points in _samples(sensor)):
         chain.judge(points)
@@ -104,6 +100,10 @@ def make_ready(
             if offline and name in explanations():
                 seen = DetectorInput(points, parameters, chain.neighbours)
                 explanations()[name].contributions(seen, parameters, points.valid)
+    if any(DETECTORS[name].lines != 'needs' for name in parameters.chain):
+        hood = Neighbourhood(np.append(_turns().xyz, _turns().xyz[:1], axis=0), 1)
+        hood.nearest(1)
+        hood.distinct()  # of a sample with a copy
     if tuple(sensors) == SENSORS:
         _ready.add(kernels_of(parameters))
 
