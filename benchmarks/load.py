@@ -146,12 +146,13 @@ def delays(samples: list[Sample], end: float) -> tuple[float, float]:
     return median(one.p95 for one in counted), max(one.longest for one in counted)
 
 
-def put(options: argparse.Namespace, samples: list[Sample], end: float, values: Any) -> None:
+def put(
+    options: argparse.Namespace, samples: list[Sample], end: float, values: Any, clouds: int
+) -> None:
     """Put the run as a row into the table of loads, or with ``--then`` of policies."""
     from lidar_outlier_lab.results.markdown import write_row
 
-    sent = round(options.seconds * options.rate + REST * options.then) * options.sensors
-    published = f'{values["messages"]} of {sent}'
+    published = f'{values["messages"]} of {clouds}'
     p95, longest = delays(samples, end)
     if options.then:
         cells = [str(values[name] or '') for name in COUNTED[1:4]]
@@ -174,6 +175,12 @@ def summary(samples: list[Sample], end: float) -> str:
     )
 
 
+def _spent(processes: list[psutil.Process]) -> float:
+    """Return the processor time that processes have taken, ms."""
+    times = [process.cpu_times() for process in processes]
+    return 1e3 * sum(one.user + one.system for one in times)
+
+
 def measure(options: argparse.Namespace) -> None:
     """Run the processes, and print the counts of clouds."""
     from helpers.live import counter, diagnoser, environment, next_status
@@ -186,7 +193,6 @@ def measure(options: argparse.Namespace) -> None:
     shape = [f'--{name}={getattr(options, name)}' for name in SHAPE]
     names = [TOPIC.format(number) for number in range(options.sensors)]
     samples, last, count = [], {}, options.processes
-    spent = lambda some: 1e3 * sum(sum(one.cpu_times()[:2]) for one in some)  # noqa: E731
     sensor = Program(__file__, '--publish', *shape, env=env | thrifty)
     with diagnoser(env) as listening, ExitStack() as stack:
         programs = {
@@ -207,7 +213,7 @@ def measure(options: argparse.Namespace) -> None:
         sensor.wait_for('ready')
         # The sensor has found the filter; until the filter has found the sensor, clouds are lost.
         time.sleep(2 * PERIOD_S)
-        busy = {name: -spent(some) for name, some in processes.items()}
+        busy = {name: -_spent(some) for name, some in processes.items()}
         sensor.send('go')
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
@@ -221,14 +227,14 @@ def measure(options: argparse.Namespace) -> None:
         values = {name: sum(int(one.get(name, 0)) for one in last.values()) for name in COUNTED}
         clouds = round(options.seconds * options.rate + REST * options.then) * len(names)
         for name, some in processes.items():
-            print(f'{name}: {(busy[name] + spent(some)) / clouds:.1f} ms of processor a cloud')
+            print(f'{name}: {(busy[name] + _spent(some)) / clouds:.1f} ms of processor a cloud')
         for listener in programs['listener']:
             listener.close()
             listener.wait()
             print(f'received {listener.output[-1]}')
         print(f'{values} of {clouds}; {summary(samples, end)}')
     if options.write:
-        put(options, samples, end, values)
+        put(options, samples, end, values, clouds)
 
 
 def main() -> None:

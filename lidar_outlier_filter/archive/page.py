@@ -245,12 +245,12 @@ def _table(
 def _head(row: ArchiveRow, ending: str, reports: Collection[str]) -> str:
     """Name a row, with links to its output and report, and what is odd about it."""
     record, links = row.record, ''
-    if row.record.is_done:
+    if record.is_done:
         address = f'./{quote(record.output, errors="surrogateescape")}'
         links = f' <a href="{address}{ending}">output</a>'
         if record.output in reports:
             links += f' <a href="{address}{REPORT}">report</a>'
-    kind = 'failed' if row.record.is_failed else 'odd' if row.record.is_done else 'plain'
+    kind = 'failed' if record.is_failed else 'odd' if record.is_done else 'plain'
     notes = ''.join(
         f'<small class="{kind}" tabindex="0" title="{_safe(line)}">{_unbroken(_safe(line))}</small>'
         for line in ([record.error] if record.error else row.odd)

@@ -100,10 +100,10 @@ def make_ready(
             if offline and name in explanations():
                 seen = DetectorInput(points, parameters, chain.neighbours)
                 explanations()[name].contributions(seen, parameters, points.valid)
-    if any(DETECTORS[name].lines != 'needs' for name in parameters.chain):
+    if 'profile' in sensors and any(DETECTORS[name].lines != 'needs' for name in parameters.chain):
         hood = Neighbourhood(np.append(_turns().xyz, _turns().xyz[:1], axis=0), 1)
         hood.nearest(1)
-        hood.distinct()  # of a sample with a copy
+        hood.distinct()  # with a copy; only in the share that searches neighbours anyway
     if tuple(sensors) == SENSORS:
         _ready.add(kernels_of(parameters))
 
