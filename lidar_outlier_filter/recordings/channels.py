@@ -109,7 +109,7 @@ def _ros2_definition(connection: Connection) -> tuple[str, str]:
     """Return definition and hash of the type of a ROS 2 connection, as far as they are known."""
     kind, text = connection.msgdef
     if kind == MessageDefinitionFormat.NONE:
-        return _unchanged_definition(connection.msgtype)
+        return unchanged_definition(connection.msgtype)
     return text, connection.digest or _digest(kind, text, connection.msgtype)
 
 
@@ -131,7 +131,7 @@ def _digest(kind: MessageDefinitionFormat, text: str, msgtype: str) -> str:
         return ''
 
 
-def _unchanged_definition(msgtype: str) -> tuple[str, str]:
+def unchanged_definition(msgtype: str) -> tuple[str, str]:
     """Return definition and hash of a type that never changed, for bags older than Iron."""
     stores = [
         known_types(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)

@@ -19,11 +19,18 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import MotionParameters
+from lidar_outlier_filter.pipeline.compressed import decompressed
 from lidar_outlier_filter.pipeline.motion import Odometry
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
-from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, output_topics, resolve
+from lidar_outlier_filter.pipeline.topics import (
+    CLOUD,
+    COMPRESSED,
+    ODOMETRY,
+    output_topics,
+    resolve,
+)
 from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.channels import known_types
+from lidar_outlier_filter.recordings.channels import known_types, unchanged_definition
 
 MAX_SENTENCES = 50  # of refusals that are kept
 MAX_TIME_NS = 2**63 - 1  # ns
@@ -175,7 +182,7 @@ class CloudTopic:
     def listeners(self) -> Mapping[tuple[str, str], Callable[[int, bytes], None]]:
         """The methods that receive messages, by topic name and type."""
         found: dict[tuple[str, str], Callable[[int, bytes], None]]
-        found = {(self.topic.name, CLOUD): self.feed}
+        found = {(self.topic.name, self.topic.msgtype): self.feed}
         if self.odometry:
             found[self.odometry, ODOMETRY] = self.feed_pose
         return found
@@ -188,11 +195,14 @@ class CloudTopic:
         self._bag = bag
         self._outputs: list[Topic] = []
         self.pipeline.requested_outputs = (True, True)
+        definition = self.topic.definition, self.topic.digest
+        if self.topic.msgtype == COMPRESSED:
+            definition = unchanged_definition(CLOUD)
         for name in output_topics(resolve(self.topic.name)):
             if name in names:
                 must_be = 'new to the recording'
                 raise RecordingError(f'the output topic of {self.topic.name}', must_be, name)
-            output = Topic(name, CLOUD, self.topic.definition, self.topic.digest, (RELIABLE,))
+            output = Topic(name, CLOUD, *definition, (RELIABLE,))
             bag.add(output)
             names.add(name)
             self._outputs.append(output)
@@ -202,9 +212,9 @@ class CloudTopic:
         self._clouds += 1
         self._times.add(time)
         try:
-            cloud = self._types.deserialize_cdr(data, CLOUD)
-        except SerdeError as err:
-            self.pipeline.refused(CloudError('the CDR bytes', 'a whole cloud', err))
+            cloud = read_cloud(self.topic, data)
+        except CloudError as err:
+            self.pipeline.refused(err)
             return
         try:
             finished = self.pipeline.process(cloud, (self._clouds, time))
@@ -263,6 +273,33 @@ class CloudTopic:
             dict(self._sentences),
             self._times.gaps,
         )
+
+
+def read_cloud(topic: Topic, data: bytes) -> Any:
+    """Read a cloud from the CDR bytes of a message, compressed or not.
+
+    Raises
+    ------
+    CloudError
+        If it is damaged.
+
+    """
+    if topic.msgtype == COMPRESSED:
+        data = decompressed(data)
+    try:
+        return known_types().deserialize_cdr(data, CLOUD)
+    except SerdeError as err:
+        raise CloudError('the CDR bytes', 'a whole cloud', err) from err
+
+
+def cloud_topics(source: Recording) -> dict[str, Topic]:
+    """Name the topics of clouds, without compressed copies of a topic that is recorded, too."""
+    found = {one.name: one for one in source.topics if one.msgtype in {CLOUD, COMPRESSED}}
+    return {
+        name: topic
+        for name, topic in found.items()
+        if topic.msgtype == CLOUD or name.rpartition('/')[0] not in found
+    }
 
 
 def check_motion(source: Recording, motion: MotionParameters) -> None:

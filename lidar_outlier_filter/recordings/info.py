@@ -12,17 +12,21 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rosbags.serde import SerdeError
 
 from lidar_outlier_filter.core.annotations import Ints
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording, Topic
-from lidar_outlier_filter.recordings.channels import known_types
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, MessageTimes, TopicReport
+from lidar_outlier_filter.recordings.cloud_topic import (
+    CloudTopic,
+    MessageTimes,
+    TopicReport,
+    cloud_topics,
+    read_cloud,
+)
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 SAMPLE_S = 3.0  # seconds of bag time that the filter judges
@@ -133,7 +137,7 @@ def describe_recording(
             source.duration / SECOND,
             source.message_count,
             {topic: MessageTimes() for topic in source.topics},
-            {topic: CloudInfo() for topic in source.topics if topic.msgtype == CLOUD},
+            {topic: CloudInfo() for topic in cloud_topics(source).values()},
         )
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
@@ -153,7 +157,6 @@ def describe_recording(
 
 def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
     """Describe clouds of a topic, and filter them by the defaults."""
-    types = known_types()
     prefix = f'{topic.name}: '
     stream = CloudTopic(topic, FilterParameters(), cloud.found.append)
 
@@ -164,8 +167,8 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
     stream.show(note)
     for _, time, data in messages:
         if not cloud.fields:
-            with suppress(SerdeError):  # the filter counts it
-                _describe(cloud, types.deserialize_cdr(data, CLOUD))
+            with suppress(CloudError):  # the filter counts it
+                _describe(cloud, read_cloud(topic, data))
         began = perf_counter()
         stream.feed(time, data)
         cloud.seconds += perf_counter() - began

@@ -17,10 +17,14 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
+from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS
 from lidar_outlier_filter.recordings.bags import Recording, Topic
-from lidar_outlier_filter.recordings.channels import known_types
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
+from lidar_outlier_filter.recordings.cloud_topic import (
+    CloudTopic,
+    check_motion,
+    cloud_topics,
+    read_cloud,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +101,7 @@ class RecordedClouds:
                 listener = listeners.get((channel.name, channel.msgtype))
                 if listener is None:
                     continue
-                if channel.msgtype == CLOUD:
+                if channel is topic:
                     self.times.append(time)
                 listener(time, data)
                 yield from taken
@@ -142,7 +146,7 @@ class _Nothing(Chain):
 
 def _choose(source: Recording, topic: str | None) -> Topic:
     """Find the topic of clouds that is named, or the only one that is not an output."""
-    names = {channel.name: channel for channel in source.topics if channel.msgtype == CLOUD}
+    names = cloud_topics(source)
     outputs = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
     inputs = [name for name in names if name not in outputs]
     if topic is None and len(inputs) == 1:
@@ -155,7 +159,7 @@ def _choose(source: Recording, topic: str | None) -> Topic:
 
 def filtered_topic(source: Recording, topic: str | None) -> str:
     """Find the topic that was filtered; None: the only one."""
-    names = {channel.name for channel in source.topics if channel.msgtype == CLOUD}
+    names = cloud_topics(source)
     inputs = sorted(name.removesuffix(CLEANED) for name in names if name.endswith(CLEANED))
     filtered = [name for name in inputs if name + OUTLIERS in names]
     if topic is None and len(filtered) == 1:
@@ -174,9 +178,9 @@ def split_clouds(
     kinds: dict[str, bool | None] = {topic + CLEANED: False, topic + OUTLIERS: True}
     if with_inputs:
         kinds[topic] = None
-    channels = [one for one in source.topics if one.name in kinds and one.msgtype == CLOUD]
+    channels = [topic for name, topic in cloud_topics(source).items() if name in kinds]
     if len(channels) < len(kinds):
         must_be = f'with {topic}, which the labels are for'
         raise RecordingError(f'the recording {source.path}', must_be, f'no {topic}')
     for channel, _, data in source.messages(channels):
-        yield kinds[channel.name], known_types().deserialize_cdr(data, CLOUD)
+        yield kinds[channel.name], read_cloud(channel, data)

@@ -14,7 +14,12 @@ from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
 from lidar_outlier_filter.recordings.bags import MAX_MESSAGE_BYTES, NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, TopicReport, check_motion
+from lidar_outlier_filter.recordings.cloud_topic import (
+    CloudTopic,
+    TopicReport,
+    check_motion,
+    cloud_topics,
+)
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 
@@ -65,7 +70,9 @@ def replay(  # noqa: PLR0913  what the command line offers
     ----------
     recording : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
     output : folder to be made, an MCAP bag
-    topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them
+    topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them.
+        Those that point_cloud_transport has compressed are filtered where the plain one is not
+        recorded
     parameters : of the filter, by flat name
     drop_input : do not copy the input clouds
     salvage : filter the readable part of a damaged recording; losses are counted
@@ -140,7 +147,7 @@ def _copy(
 
 def choose_clouds(source: Recording, requested: Collection[str], what: str) -> list[Topic]:
     """Find the requested topics of clouds, which errors call ``what``; without a request, all."""
-    clouds = {topic.name: topic for topic in source.topics if topic.msgtype == CLOUD}
+    clouds = cloud_topics(source)
     if not clouds:
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)
         must_be = f'one with a topic of type {CLOUD}'

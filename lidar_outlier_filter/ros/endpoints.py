@@ -16,6 +16,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import CloudError, quote_error
+from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, layout
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.topics import output_topics
 
@@ -23,9 +24,6 @@ from lidar_outlier_filter.pipeline.topics import output_topics
 INPUT, OUTPUTS = '~/input', ('~/output', '~/outliers')
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
-# Of plain CDR, by the identifier of the representation.
-BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
-CDR_START = 4  # after the identifier; alignment counts from here
 
 
 class SplitCloudPublisher:
@@ -105,14 +103,9 @@ def read_cloud(received: bytes) -> PointCloud2:
     order = BYTE_ORDERS.get(received[:2])
     if order is None:
         return _by_rclpy(received)
-    try:
-        begin = _find_data(received, order)
-        (size,) = struct.unpack_from(order + 'I', received, begin - 4)
-        end = begin + size
-        # The same cloud without points: length 0, then is_dense.
-        bare = received[: begin - 4] + bytes(4) + struct.pack('?', received[end])
-    except (struct.error, IndexError) as err:
-        raise CloudError('a serialised cloud', 'whole', f'{len(received)} bytes') from err
+    begin, end, *_ = layout(received, order)
+    # The same cloud without points: length 0, then is_dense.
+    bare = received[: begin - 4] + bytes(4) + struct.pack('?', received[end])
     msg = _by_rclpy(bare)
     # The setter accepts arrays only, or checks every byte.
     msg._data = memoryview(received)[begin:end]  # noqa: SLF001
@@ -127,26 +120,3 @@ def _by_rclpy(data: bytes) -> PointCloud2:
         raise CloudError(
             'a serialised cloud', must_be, f'other bytes ({quote_error(err)})'
         ) from err
-
-
-def _find_data(received: bytes, order: str) -> int:
-    """Return the offset of the points."""
-    at = _after_string(received, order, CDR_START + 8)  # header: stamp, frame_id
-    at = _aligned(at) + 8  # height, width
-    (fields,) = struct.unpack_from(order + 'I', received, at)
-    at += 4
-    for _ in range(fields):
-        at = _after_string(received, order, at)
-        at = _aligned(_aligned(at) + 5) + 4  # offset, datatype, count
-    return _aligned(at + 1) + 12  # is_bigendian, point_step, row_step, size of the points
-
-
-def _after_string(received: bytes, order: str, at: int) -> int:
-    at = _aligned(at)
-    (size,) = struct.unpack_from(order + 'I', received, at)
-    return at + 4 + int(size)
-
-
-def _aligned(at: int) -> int:
-    """Return the next multiple of four, where every number but a single byte lies."""
-    return CDR_START + -(-(at - CDR_START) // 4) * 4

@@ -43,6 +43,7 @@ PYPI_NAMES = {
     'mcap_ros2': 'mcap-ros2-support',
     'sklearn': 'scikit-learn',
     'yaml': 'PyYAML',
+    'zstandard': 'mcap',  # needs it
 }
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
@@ -66,7 +67,7 @@ WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
 PIP_ONLY = words(
     'boto3 dask distributed filterpy fsspec laspy lazrs lz4 lzf mcap mcap_ros2 moto playwright '
-    'pyarrow pye57 rosbags'
+    'pyarrow pye57 rosbags zstandard'
 )
 SINCE_NUMPY_2 = {
     'np': """

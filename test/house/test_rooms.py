@@ -45,7 +45,7 @@ OUTSIDE = {
     'disk': ('numpy',),
     'core': ('filterpy', 'numba', 'numpy', 'scipy'),
     'messages': ('numpy',),
-    'pipeline': ('numpy',),
+    'pipeline': ('numpy', 'zstandard'),
     'recordings': ('mcap', 'numpy', 'rosbags', 'yaml'),
     'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pye57', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
