@@ -79,7 +79,7 @@ def decompressed(received: bytes) -> bytes:
         raise CloudError('a compressed cloud', 'in plain CDR', received[:2].hex() or 'no bytes')
     found = layout(received, order)
     size = _bytes_of(found)
-    decompress = _FROM[_format(received, found.end)]
+    decompress = FORMATS[_format(received, found.end)]
     points = decompress(memoryview(received)[found.begin : found.end], size)
     head, dense = received[: found.begin - 4], received[found.end : found.end + 1]
     return b''.join((head, struct.pack(order + 'I', size), points, dense))
@@ -95,8 +95,8 @@ def _bytes_of(found: Layout) -> int:
 
 def _format(received: bytes, end: int) -> str:
     name = received[_aligned(end + 1) + 4 :].rstrip(b'\x00').decode(errors='replace')
-    if name not in _FROM:
-        must_be = ' or '.join(map(repr, _FROM))
+    if name not in FORMATS:
+        must_be = ' or '.join(map(repr, FORMATS))
         raise CloudError('the format of a compressed cloud', must_be, repr(name))
     return name
 
@@ -124,4 +124,5 @@ def _must_be(name: str, size: int) -> tuple[str, str]:
     return 'the data of a compressed cloud', f'{name} of row_step × height = {size} bytes'
 
 
-_FROM = {'zlib': _from_zlib, 'zstd': _from_zstd}
+# By the last word of the topic's name, too.
+FORMATS = {'zlib': _from_zlib, 'zstd': _from_zstd}

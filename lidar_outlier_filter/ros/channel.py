@@ -20,12 +20,13 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.compressed import FORMATS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
 from lidar_outlier_filter.ros.compiler import Compiler
-from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher
+from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import DelayClock, Worker
@@ -69,6 +70,9 @@ class Channel:
         self._clock = DelayClock(node)
         self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
+        self._type, self.worker.read = input_type(self.resolved)
+        if self._type is PointCloud2 and self.resolved.rpartition('/')[2] in FORMATS:
+            self._log_warning('read as PointCloud2: point_cloud_interfaces is not installed')
         self._clouds: Subscription | None = None
         self._odometry: Subscription | None = None
 
@@ -92,7 +96,7 @@ class Channel:
             self._odometry = self._subscribe(
                 Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
             )
-        create = partial(self._subscribe, PointCloud2, self.topic, self.take, INPUT_DEPTH, raw=True)
+        create = partial(self._subscribe, self._type, self.topic, self.take, INPUT_DEPTH, raw=True)
         try:
             events = SubscriptionEventCallbacks(message_lost=self._lost)
             self._clouds = create(event_callbacks=events)

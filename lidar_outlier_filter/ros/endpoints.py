@@ -6,7 +6,10 @@ rclpy copies the points of a cloud three times while it
 holds the GIL. So rclpy reads only the other fields; the points are a view of the received bytes.
 """
 
+import importlib
 import struct
+from collections.abc import Callable
+from contextlib import suppress
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -16,7 +19,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import CloudError, quote_error
-from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, layout
+from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.topics import output_topics
 
@@ -86,6 +89,19 @@ def remapped(node: Node, name: str) -> str:
     """Return the topic that replaces ``name`` by a rule; '' without a rule."""
     new = str(node.resolve_topic_name(name))
     return new if new != node.resolve_topic_name(name, only_expand=True) else ''
+
+
+def input_type(topic: str) -> tuple[type, Callable[[bytes], PointCloud2]]:
+    """Return the type of an input topic, and how its messages are read.
+
+    A topic of point_cloud_transport is named after the format. Without its messages it is read as
+    any other.
+    """
+    if topic.rpartition('/')[2] in FORMATS:
+        with suppress(ImportError):
+            messages = importlib.import_module('point_cloud_interfaces.msg')
+            return messages.CompressedPointCloud2, lambda data: read_cloud(decompressed(data))
+    return PointCloud2, read_cloud
 
 
 def read_cloud(received: bytes) -> PointCloud2:

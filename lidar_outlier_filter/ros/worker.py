@@ -42,6 +42,7 @@ class Worker:
         self.inbox = Inbox(parameters.load)
         self.clock = clock
         self.enabled = True
+        self.read: Callable[[bytes], PointCloud2] = read_cloud
         self._filter = filter_
         self._publisher = publisher
         self._health = health
@@ -188,7 +189,7 @@ class Worker:
             self._health.missed(DROPPED)
             return
         try:
-            received.msg = read_cloud(received.data)
+            received.msg = self.read(received.data)
         except CloudError as err:
             self._filter.refused(err)
             return

@@ -160,7 +160,7 @@ def _to_set(changes: dict[str, object]) -> list[Parameter]:
 class Sensor:
     """Publishes clouds for a filter and collects its outputs."""
 
-    def __init__(self, ros: Ros, topic: str) -> None:
+    def __init__(self, ros: Ros, topic: str, kind: Any = PointCloud2) -> None:
         self._ros = ros
         self._matched = Future()
         self.cleaned: list[PointCloud2] = []
@@ -168,7 +168,7 @@ class Sensor:
         self._expected = 0
         matched = PublisherEventCallbacks(matched=lambda _: self._matched.set_result(None))
         self._publisher = ros.client.create_publisher(
-            PointCloud2, topic, KEEP_ALL, event_callbacks=matched
+            kind, topic, KEEP_ALL, event_callbacks=matched
         )
         self._published = Future()
         self._subscriptions: list[Subscription] = []
