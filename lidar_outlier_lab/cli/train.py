@@ -190,7 +190,7 @@ def _folder(options: argparse.Namespace) -> Path | None:
 def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]]]:
     """Read clean clouds of each sensor."""
     from lidar_outlier_lab.training import scenes
-    from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
+    from lidar_outlier_lab.training.single_sweeps import read_more_sweeps, read_single_sweeps
 
     found: list[tuple[str, Sequence[Points]]] = []
     folder = _folder(options)
@@ -199,7 +199,7 @@ def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]
         if not known:
             raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
         found = [(recording.sensor, scenes.read_sweeps(recording)) for recording in known]
-        found += read_single_sweeps(folder)
+        found += [*read_single_sweeps(folder), *read_more_sweeps(folder)]
     values = read_parameters(options.params, options.settings)
     found += [
         (path.stem, scenes.read_sweeps(scenes.CleanRecording(path.stem, path, values)))
@@ -208,7 +208,10 @@ def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]
     for sensor, clouds in found:
         if not all(map(scenes.has_pattern, clouds)):
             raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
-    return found
+    by_sensor: dict[str, list[Points]] = {}
+    for sensor, clouds in found:
+        by_sensor.setdefault(sensor, []).extend(clouds)
+    return [*by_sensor.items()]
 
 
 def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:

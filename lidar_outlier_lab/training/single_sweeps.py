@@ -3,13 +3,16 @@
 """Single sweeps of spinning sensors in files without times: rings and times are found."""
 
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_lab.training import more_sweeps
 from lidar_outlier_lab.training.ring_tables import TABLES, TURN_NS, read_elevations
 
 FULL = 36_000.0  # hundredths of a degree
@@ -42,12 +45,38 @@ def read_single_sweeps(folder: Path) -> list[tuple[str, Sequence[Points]]]:
     return found
 
 
+def read_more_sweeps(folder: Path) -> list[tuple[str, Sequence[Points]]]:
+    """Read the sweeps of ``more_sweeps`` that a folder has in ``clouds/more``, by sensor.
+
+    Raises
+    ------
+    RecordingError
+        If a file is another one than the table names.
+
+    """
+    found: dict[str, list[Points]] = {}
+    for row in more_sweeps.SWEEPS:
+        path = folder / 'clouds' / 'more' / row['file']
+        if path.exists():
+            if (got := sha256(path.read_bytes()).hexdigest()) != row['sha256']:
+                raise RecordingError(f'the SHA-256 of {path}', row['sha256'], got)
+            *xyz, intensity, ring, t = _columns(path, ['x', 'y', 'z', 'intensity', 'ring', 't'])
+            known = None if np.isnan(intensity).any() else intensity
+            place, valid = np.stack(xyz, axis=1).astype(np.float64), np.ones(len(t), np.bool_)
+            rings, times = ring.astype(np.int64), t.astype(np.int64)
+            points = Points(place, times, rings, valid, intensity=known)
+            found.setdefault(row['sensor'], []).append(points)
+    return [*found.items()]
+
+
+def _columns(path: Path, names: list[str]) -> list[np.ndarray[tuple[int], Any]]:
+    chunks = list(open_cloud(path).read(names))
+    return [np.concatenate([np.asarray(chunk[k]) for chunk in chunks]) for k in range(len(names))]
+
+
 def _read(path: Path, sweeps: SingleSweeps, folder: Path) -> Points:
     names = ['x', 'y', 'z'] if sweeps.table else ['x', 'y', 'z', 'channel', 'azimuth', 'intensity']
-    chunks = list(open_cloud(path).read(names))
-    columns = [
-        np.concatenate([np.asarray(chunk[k]) for chunk in chunks]) for k in range(len(names))
-    ]
+    columns = _columns(path, names)
     xyz = np.stack(columns[:3], axis=1).astype(np.float64)
     reach = np.sqrt((xyz**2).sum(axis=1))
     intensity = None

@@ -3,6 +3,7 @@
 """Training the trees: what is written is what was learnt."""
 
 import json
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +26,12 @@ from lidar_outlier_lab.simulation.scenes import profile_streets
 from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
-from lidar_outlier_lab.training import scenes, train_profile
+from lidar_outlier_lab.training import more_sweeps, scenes, train_profile
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features
 from lidar_outlier_lab.training.ring_tables import TABLES, known_scanners, read_elevations
-from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
+from lidar_outlier_lab.training.single_sweeps import read_more_sweeps, read_single_sweeps
 from lidar_outlier_lab.training.train import Recipe, Sweep, lie_between, train
 from lidar_outlier_lab.training.train_survey import RECIPE, SCENES, see
 
@@ -288,6 +289,23 @@ def test_single_sweeps(real_data: Path) -> None:
     up = np.degrees(np.arcsin(pandar.xyz[:, 2] / pandar.range))
     table = np.degrees(read_elevations(real_data / 'ring_tables' / 'Pandar64.csv'))
     assert np.abs(up - table[pandar.line]).max() < 0.01
+
+
+def test_more_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that are there are read as they were decoded; one with other bytes is refused."""
+    assert read_more_sweeps(tmp_path) == []
+    (there := tmp_path / 'clouds/more/a.pcd').parent.mkdir(parents=True)
+    head = 'VERSION .7\nFIELDS x y z intensity ring t\nSIZE 4 4 4 4 2 4\nTYPE F F F F U U\n'
+    head += 'WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n'
+    there.write_text(f'{head}1 2 3 4 5 6\n7 8 9 10 11 12\n')
+    digest = sha256(there.read_bytes()).hexdigest()
+    rows = [{'file': 'a.pcd', 'sensor': 'A', 'sha256': digest}, {'file': 'b.pcd'}]
+    monkeypatch.setattr(more_sweeps, 'SWEEPS', rows)
+    ((sensor, (found,)),) = read_more_sweeps(tmp_path)
+    assert (sensor, *found.xyz[1], *found.line, *found.t) == ('A', 7, 8, 9, 5, 11, 6, 12)
+    there.write_text(there.read_text().replace('12', '13'))
+    with pytest.raises(RecordingError, match=rf'the SHA-256 of .*a\.pcd must be {digest}, got '):
+        read_more_sweeps(tmp_path)
 
 
 @pytest.mark.usefixtures('few', 'few_edges')
