@@ -235,8 +235,7 @@ def add_info(commands: Commands) -> None:
         description='Print the topics of a recording, their rates, gaps and time jumps, how its '
         'clouds are read, the layout of their scan lines, the share of points that the defaults '
         'reject in a sample, and the filter speed. For a file of points: columns and extent. '
-        'Exit status: 0 all done; 1 refused; 3 done, but messages of the recording are '
-        'missing.',
+        'Exit status: 0 all done; 1 refused; 3 done, but messages of the recording are missing.',
         epilog='examples:\n  lidar-outlier-filter info drive\n'
         '  lidar-outlier-filter info street.laz',
     )

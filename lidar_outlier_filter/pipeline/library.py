@@ -136,7 +136,7 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     intensity : (N,) array, optional
         Intensity of each point, in any unit; NaN if unknown.
     chain : str or sequence of str, optional
-        Detectors in their order; ``alpha_beta_gamma`` needs ``t`` and ``line``, and
+        Detectors in their order; those along scan lines need ``t`` and ``line``, and
         ``boosted_trees``, the default, uses them if they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
         Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` have no effect here.
@@ -147,7 +147,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         In the order of the points, row by row: ``outlier`` (N,) bool; ``score`` (N,) float32, more
         than 1 if a detector rejects the point, NaN if no detector tested it; ``detectors`` (N,)
         uint16, the sum of the rejecting detectors: 1 alpha_beta_gamma, 2 quadric, 4 lof, 8 sor,
-        16 hierarchical, 32 elevation, 64 boosted_trees.
+        16 hierarchical, 32 elevation, 64 boosted_trees, 128 scan_shadows, 256 ring_outlier,
+        512 dual_return, 1024 crop_box.
 
     Raises
     ------

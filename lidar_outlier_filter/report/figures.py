@@ -210,8 +210,7 @@ def _from_the_side(
     where = ', '.join(f'{value:.1f}' for value in group.middle)
     points = 'point' if group.count == 1 else 'points'
     axes.set_title(f'{number}: {group.count:,} {points} at {where}', fontsize=10, color=INK)
-    axes.set_xlabel(f'{"xy"[along]}, m')
-    axes.set_ylabel('z, m')
+    axes.set(xlabel=f'{"xy"[along]}, m', ylabel='z, m')
 
 
 def _dots(axes: Axes, xyz: Floats, along: int, colour: str, size: float) -> None:

@@ -47,10 +47,14 @@ MAX_REASONS_LISTED = 8
 _COLOURS = {
     'alpha_beta_gamma': '#0072b2',
     'boosted_trees': '#000000',
+    'crop_box': '#7f7f7f',
+    'dual_return': '#17becf',
     'elevation': '#56b4e9',
     'hierarchical': '#e69f00',
     'lof': '#d55e00',
     'quadric': '#cc79a7',
+    'ring_outlier': '#bcbd22',
+    'scan_shadows': '#aa4499',
     'sor': '#009e73',
 }
 _OF_PLUGINS = ('#7f3c8d', '#a5732a', '#4b6a53', '#8c8c00')

@@ -171,6 +171,10 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
+    'scan_shadows': {'chain': ['scan_shadows'], 'scan_shadows.window': 2},
+    'ring_outlier': {'chain': ['ring_outlier'], 'ring_outlier.distance_ratio': 1.01},
+    'dual_return': {'chain': ['dual_return']},
+    'crop_box': {'chain': ['crop_box'], 'crop_box.max_x': 9.0},
     'boosted_trees of a scanner without rings': {
         'boosted_trees.sensor': 'free',
         'boosted_trees.threshold': 0.7,
@@ -194,7 +198,12 @@ WAYS |= LONG
 
 
 def scene(way: str, seed: int, shots: int) -> Rows:
-    """Make a drive; for lines by angle that of a profile scanner, 61 shots for a turn."""
+    """Make a drive: with two returns, or for lines by angle of a mirror, 61 shots for a turn."""
+    if 'dual' in way:
+        rows = np.repeat(drive(seed, shots), 2)
+        for axis in 'xyz':
+            rows[axis][1::2] *= 1.5
+        return rows
     if 'angle' not in way:
         return drive(seed, shots)
     rows = drive(seed, shots * 2, rings=1)

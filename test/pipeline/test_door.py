@@ -13,12 +13,24 @@ from helpers.detectors import BITS
 
 import lidar_outlier_filter
 from lidar_outlier_filter import CloudFilter, detect_outliers
-from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, sor
+from lidar_outlier_filter.core.detectors import (
+    crop_box,
+    dual_return,
+    elevation,
+    hierarchical,
+    lof,
+    ring_outlier,
+    scan_shadows,
+    sor,
+)
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.boosted_trees import methods as boosted_trees
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 
-DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, boosted_trees)
+DETECTORS = (
+    *(alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, boosted_trees),
+    *(scan_shadows, ring_outlier, dual_return, crop_box),
+)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
 
 

@@ -30,6 +30,10 @@ BITS = {
     'hierarchical': 16,
     'elevation': 32,
     'boosted_trees': 64,
+    'scan_shadows': 128,
+    'ring_outlier': 256,
+    'dual_return': 512,
+    'crop_box': 1024,
 }
 # The default rejects next to nothing of a clean recording.
 STRICT, LESS_STRICT = {'boosted_trees.threshold': 0.5}, {'boosted_trees.threshold': 0.85}

@@ -243,6 +243,75 @@ class BoostedTrees(Section):
         return ('intensity', 'ring') if self.sensor in {'auto', 'spinning'} else ('intensity',)
 
 
+@dataclass(frozen=True)
+class ScanShadows(Section):
+    """The shadow angle between neighbours of a scan line, as in laser_filters."""
+
+    min_angle: float = declare(
+        10.0,
+        'Points behind one whose shadow angle is smaller are rejected; the largest angle is 180° - '
+        'this.',
+        'deg',
+        0.01,
+        89.99,
+    )
+    neighbors: int = declare(
+        1, 'Points on either side of a shadow that are rejected if farther.', '', 1, 100
+    )
+    window: int = declare(1, 'Points on either side that angles are measured to.', '', 1, 100)
+
+
+@dataclass(frozen=True)
+class RingOutlier(Section):
+    """Short walks along a ring, as in Autoware."""
+
+    object_length_threshold: float = declare(
+        0.1, 'Walks that are at least as long are kept.', 'm', 1e-3, 1e3
+    )
+    distance_ratio: float = declare(
+        1.03, 'A walk ends where the ratio of two ranges is not smaller.', '', 1.0, 1e3
+    )
+    num_points_threshold: int = declare(4, 'Walks of more points are kept.', '', 1, 1_000_000_000)
+
+
+@dataclass(frozen=True)
+class DualReturn(Section):
+    """Early returns of a shot that stand alone, as in Autoware."""
+
+    distance_ratio: float = declare(
+        1.03,
+        'An early return is kept if its range and that of the one beside it have a smaller ratio.',
+        '',
+        1.0,
+        1e3,
+    )
+
+
+@dataclass(frozen=True)
+class CropBox(Section):
+    """Ranges and a box, in the frame of the sensor."""
+
+    max_range: float = declare(1e9, 'Points that are farther are rejected.', 'm', 1e-3, 1e9)
+    min_range: float = declare(0.0, 'Points that are nearer are rejected.', 'm', 0.0, 1e9)
+    min_x: float = declare(-1e9, 'Least x in the box.', 'm', -1e9, 1e9)
+    max_x: float = declare(1e9, 'Largest x in the box.', 'm', -1e9, 1e9)
+    min_y: float = declare(-1e9, 'Least y in the box.', 'm', -1e9, 1e9)
+    max_y: float = declare(1e9, 'Largest y in the box.', 'm', -1e9, 1e9)
+    min_z: float = declare(-1e9, 'Least z in the box.', 'm', -1e9, 1e9)
+    max_z: float = declare(1e9, 'Largest z in the box.', 'm', -1e9, 1e9)
+    negative: bool = declare(
+        default=False, text='Reject points inside the box instead of those outside.'
+    )
+
+    def check(self) -> None:
+        """Refuse limits that leave nothing between them."""
+        for name in ('range', 'x', 'y', 'z'):
+            low, high = getattr(self, f'min_{name}'), getattr(self, f'max_{name}')
+            if low >= high:
+                must_be = f'below crop_box.max_{name} = {high:g} m'
+                raise ParameterError(f'crop_box.min_{name}', must_be, f'{low:g} m')
+
+
 DEFAULT = 'boosted_trees'  # the chain
 # Modules that explain the scores of a detector. REASONS: what the numbers in Scores.reason mean,
 # from 1 to 255, unique among all detectors. METHODS: for each, its features with a description.
@@ -315,6 +384,45 @@ _EVERY = (
         rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
         'pattern (spinning sensors, and profile scanners whose mirror turns or swings), or else '
         'on its nearest neighbours',
+    ),
+    Detector(
+        name='scan_shadows',
+        bit=128,
+        section=ScanShadows,
+        score=f'{__package__}.scan_shadows:score',
+        lines='needs',
+        large='files',
+        rejects='lies in its scan line beside a nearer point, where the line between neighbours '
+        'runs nearly along the beam: mixed pixels (laser_filters)',
+    ),
+    Detector(
+        name='ring_outlier',
+        bit=256,
+        section=RingOutlier,
+        score=f'{__package__}.ring_outlier:score',
+        lines='needs',
+        large='files',
+        rejects='belongs to a short walk of few points along its ring, between jumps in range '
+        '(Autoware)',
+    ),
+    Detector(
+        name='dual_return',
+        bit=512,
+        section=DualReturn,
+        score=f'{__package__}.dual_return:score',
+        lines='needs',
+        large='files',
+        rejects='has another return of its shot behind it, and no such return beside it at about '
+        'its range (Autoware)',
+    ),
+    Detector(
+        name='crop_box',
+        bit=1024,
+        section=CropBox,
+        score=f'{__package__}.crop_box:score',
+        large='files',
+        rejects='is too near or too far, or outside a box in the frame of the sensor; or inside '
+        'it, with `negative`',
     ),
 )
 BUILTIN = {one.name: one for one in _EVERY}

@@ -164,13 +164,23 @@ def _distance_if_beyond(score_of: ScoreOf, _near: float) -> Reals:
     return np.where(beyond, score_of({'sor.radius': 1.0, 'sor.range_scaled': False}), 0.0)
 
 
+def _inverse(name: str, values: Iterable[float]) -> Threshold:
+    """Make a threshold that the score is proportional to; ``values`` ascend."""
+    return scaled(name, reversed([*values]), lambda value: 1 / value)
+
+
 _THRESHOLDS: dict[str, Callable[[FilterParameters], Threshold]] = {
     'alpha_beta_gamma': lambda _: significance('alpha_beta_gamma.significance'),
     # Compared with a sum of logarithms: even steps.
     'boosted_trees': lambda _: plain('boosted_trees.threshold', [n / 50 for n in range(5, 151)]),
+    'dual_return': lambda _: plain(
+        'dual_return.distance_ratio', (round(1 + more, 6) for more in decades(-3, 1))
+    ),
     'elevation': _elevation,
     'hierarchical': _hierarchical,
     'lof': _lof,
     'quadric': lambda _: significance('quadric.significance'),
+    'ring_outlier': lambda _: _inverse('ring_outlier.object_length_threshold', decades(-3, 3)),
+    'scan_shadows': lambda _: _inverse('scan_shadows.min_angle', [*range(1, 90)]),
     'sor': _sor,
 }

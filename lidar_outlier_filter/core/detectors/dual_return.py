@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Early returns that stand alone: the rule of Autoware's dual_return_outlier_filter.
+
+A shot through rain, snow, dust or exhaust often has two returns: of a particle, and of the surface
+behind it. At the edge of an object it has two, too, but then its neighbours hit the object as well.
+Points do not carry the number of their return: returns in the same direction are of one shot.
+"""
+
+import numpy as np
+
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.detectors.builtin import DualReturn
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.ring_neighbours import are_near, following, jumps
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import SAME_SHOT
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input, ring by ring."""
+    own = parameters.of(DualReturn)
+    return seen.along_lines(lambda points, lines: Scores(detect(points, lines.first, own)))
+
+
+def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
+    """Score the returns that have another one behind them in the same shot.
+
+    Parameters
+    ----------
+    points : N points, sorted by ring and time, all of them valid
+    first : (L + 1,) where each ring begins; the last entry is N
+    parameters : see :class:`~.builtin.DualReturn`
+
+    Returns
+    -------
+    (N,) float64
+        The smaller ratio of ranges to the early return before and to that behind, within one
+        degree of azimuth, ÷ ``distance_ratio``; inf if there is neither. 0 for last returns.
+
+    References
+    ----------
+    .. [1] dual_return_outlier_filter of autoware_pointcloud_preprocessor,
+       https://github.com/autowarefoundation/autoware_universe
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import dual_return
+    >>> from lidar_outlier_filter.core.points.points import Points
+    >>> from lidar_outlier_filter.core.detectors.builtin import DualReturn
+    >>> azimuth, reach = np.radians([0.0, 0.4, 0.8, 1.2, 1.2, 1.6, 2.0, 2.4, 2.8]), np.full(9, 8.0)
+    >>> reach[3] = 5.0  # a drop of rain, and what is behind it
+    >>> xyz = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), 0 * reach])
+    >>> points = Points(xyz, np.arange(9), np.zeros(9, np.int64), np.ones(9, np.bool_))
+    >>> score = dual_return.detect(points, np.array([0, 9]), DualReturn())
+    >>> np.flatnonzero(score > 1).tolist()
+    [3]
+
+    """
+    xyz, reach = points.in_own_frame.xyz, points.range
+    begins = np.append(True, ~_are_of_one_shot(xyz, reach))
+    begins[first[:-1]] = True
+    farthest = np.maximum.reduceat(reach, np.flatnonzero(begins))
+    early = np.flatnonzero(reach < farthest[np.cumsum(begins) - 1])
+    after = following(np.searchsorted(early, first))
+    ratio = jumps(reach[early], after)
+    ratio[~are_near(xyz[early], after) | (after == np.arange(len(early)))] = np.inf
+    before = np.empty_like(ratio)
+    before[after] = ratio
+    result = np.zeros(len(points))
+    result[early] = np.minimum(ratio, before) / parameters.distance_ratio
+    return result
+
+
+def _are_of_one_shot(xyz: Floats, reach: Floats) -> Bools:
+    """Return whether points are in the direction of the points before them (N - 1,)."""
+    both, along = reach[1:] * reach[:-1], np.einsum('ij,ij->i', xyz[1:], xyz[:-1])
+    across = both * both - along * along
+    of_one_shot: Bools = (along > 0) & (across <= (SAME_SHOT * both) ** 2)
+    return of_one_shot
