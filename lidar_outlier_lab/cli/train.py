@@ -46,8 +46,8 @@ def add_train(commands: Commands) -> None:
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '
         'trees for profile scanners, on simulated streets alone. With --survey, train those for '
-        'clouds without scan lines; with --free, without the second law of weather, those for '
-        'scanners without rings. It takes about a quarter of an hour of processor time; with '
+        'clouds without scan lines; with --free, without other laws of weather, those for scanners '
+        'without rings. It takes about a quarter of an hour of processor time; with '
         '--profile or --survey a few minutes. Needs the extra "lab".',
         epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
         '  lidar-outlier-filter train --survey --output trees.json',
@@ -63,7 +63,7 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         '--free',
         action='store_true',
-        help='for scanners without rings: without the second law of weather',
+        help='for scanners without rings: without other laws of weather',
     )
     parser.add_argument(
         '--data',
@@ -120,8 +120,9 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress, law=not options.free)
-    about = _about([name for name, _ in recordings], [*scanners], law=not options.free)
+    laws = () if options.free else scenes.TRAINED
+    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress, laws=laws)
+    about = _about([name for name, _ in recordings], [*scanners], laws)
     recipe = Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
     return result.text, result.threshold, _tables(result.held_out)
@@ -190,16 +191,13 @@ def _folder(options: argparse.Namespace) -> Path | None:
 def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]]]:
     """Read clean clouds of each sensor."""
     from lidar_outlier_lab.training import scenes
-    from lidar_outlier_lab.training.single_sweeps import read_more_sweeps, read_single_sweeps
 
     found: list[tuple[str, Sequence[Points]]] = []
     folder = _folder(options)
     if folder is not None:
-        known = scenes.known_recordings(folder / 'bags')
-        if not known:
+        found = scenes.read_recordings(folder)
+        if not found:
             raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
-        found = [(recording.sensor, scenes.read_sweeps(recording)) for recording in known]
-        found += [*read_single_sweeps(folder), *read_more_sweeps(folder)]
     values = read_parameters(options.params, options.settings)
     found += [
         (path.stem, scenes.read_sweeps(scenes.CleanRecording(path.stem, path, values)))
@@ -208,10 +206,7 @@ def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]
     for sensor, clouds in found:
         if not all(map(scenes.has_pattern, clouds)):
             raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
-    by_sensor: dict[str, list[Points]] = {}
-    for sensor, clouds in found:
-        by_sensor.setdefault(sensor, []).extend(clouds)
-    return [*by_sensor.items()]
+    return found
 
 
 def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
@@ -222,7 +217,7 @@ def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
     return {} if folder is None else known_scanners(folder / 'ring_tables')
 
 
-def _about(sensors: list[str], scanners: list[str], *, law: bool) -> dict[str, Any]:
+def _about(sensors: list[str], scanners: list[str], laws: Sequence[str]) -> dict[str, Any]:
     from lidar_outlier_filter import __version__
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
     from lidar_outlier_lab.training import scenes
@@ -234,7 +229,8 @@ def _about(sensors: list[str], scanners: list[str], *, law: bool) -> dict[str, A
             'recordings': sensors,
             'weather': list(WEATHERS),
             'sweeps_of_each': scenes.OF_EACH,
-            **({'law': scenes.TRAINED_LAW, 'sweeps_of_law': scenes.OF_LAW} if law else {}),
+            'laws': [*laws],
+            'sweeps_of_law': scenes.OF_LAW,
             'simulated': scanners,
             'simulated_seeds': list(scenes.TABLE_SEEDS),
             'streets': list(scenes.STREETS),

@@ -10,11 +10,11 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
-LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds
+LIMITS = np.arange(-50, 251) / 50.0  # log-odds tried as thresholds
 # Share of clean sweeps that may be rejected, mean over the sensors but the worst.
 MAX_CLEAN_SHARE = 0.0015
 MIN_OUTLIERS = 100  # outliers of a sweep from which on it is judged
-CHOOSE_BY = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust', 'exhaust')
+NO_WEATHER = (CLEAN, STREET, 'mixed', 'ghosts')  # kinds that do not choose
 DIGITS = 4
 
 
@@ -50,20 +50,28 @@ def judge_at_all(
 
 
 def choose_threshold(sweeps: Sequence[HeldOut]) -> float:
-    """Choose the threshold with the best mean F1 in weather that leaves clean sweeps alone.
+    """Choose the threshold that leaves clean sweeps alone, and is best where least is found.
 
-    The sensor that loses most is left out of the mean, where there are several: else it alone would
+    Best is the mean F1 of the worst quarter of all pairs of sensor and weather. The sensor whose
+    clean sweeps lose most is left out of their mean, where there are several: else it alone would
     decide. Where no threshold leaves them alone, the greatest one.
     """
     clean = _by_group([s for s in sweeps if s.kind == CLEAN], lambda s: s.sensor, lambda s: s.lost)
-    weather = _weather([s for s in sweeps if s.kind in CHOOSE_BY], lambda s: s.f1)
-    worth = np.mean(list(weather.values()), axis=0) if weather else np.zeros(len(LIMITS))
+    weather = [s for s in sweeps if s.kind not in NO_WEATHER and s.outliers >= MIN_OUTLIERS]
+    cells = _by_group(weather, lambda s: f'{s.sensor} {s.kind}', lambda s: s.f1)
+    worth = worst_quarter([*cells.values()]) if cells else np.zeros(len(LIMITS))
     lost = np.sort(list(clean.values()), axis=0) if clean else np.zeros((1, len(LIMITS)))
     rejected = np.mean(lost[: max(len(lost) - 1, 1)], axis=0)
     allowed = rejected <= MAX_CLEAN_SHARE
     if not allowed.any():
         return float(LIMITS[-1])
     return float(LIMITS[int(np.argmax(np.where(allowed, worth, -1.0)))])
+
+
+def worst_quarter(cells: Sequence[Reals]) -> Floats:
+    """Return the mean of the least quarter of values, of each column by itself; at least of one."""
+    some: Floats = np.sort(np.asarray(cells, np.float64), axis=0)[: max(len(cells) // 4, 1)]
+    return some.mean(axis=0)
 
 
 def figures(sweeps: Sequence[HeldOut], threshold: float) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores, measure
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
+from lidar_outlier_lab.training.held_out import HeldOut
 
 Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
 
@@ -35,11 +36,15 @@ class Drawn(NamedTuple):
 
 
 class Trained(NamedTuple):
-    """The text of a model's file, and the threshold and the held-out figures that it says."""
+    """The text of a model's file, the threshold and held-out figures that it says.
+
+    ``judged`` are the sweeps behind the figures, in the order given.
+    """
 
     text: str
     threshold: float
     held_out: Mapping[str, Any]
+    judged: Sequence[HeldOut] = ()
 
 
 def window_features(prepared: Prepared, odds: Singles | None) -> Singles:

@@ -4,7 +4,7 @@
 
 import itertools
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +28,7 @@ from lidar_outlier_lab.simulation.weather.labelled_cloud import Brightness
 from lidar_outlier_lab.simulation.world.recording import to_message
 from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
+from lidar_outlier_lab.training.single_sweeps import read_more_sweeps, read_single_sweeps
 from lidar_outlier_lab.training.train import Sweep
 
 # Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
@@ -46,14 +47,14 @@ STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MAX_CLEAN_SWEEPS = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
 RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
-# Other laws of weather: trees are judged by all of them, and trained on `waveforms` alone
+# Other laws of weather than that of the simulator's own; no two of them share one.
 LAWS = {
     'chances': chances.make_both,
     'waveforms': waveforms.make_both,
     'scatterers': scatterers.make_both,
 }
-TRAINED_LAW = 'waveforms'
-OF_LAW = 2  # sweeps with each of its weathers
+TRAINED = ('chances', 'waveforms')  # `scatterers` judges, only
+OF_LAW = 2  # sweeps with each weather of another law
 MAX_DRAWS = 6  # of a weather, until it is as dense as weather is
 MIN_OUTLIERS = 200
 MAX_SHARE = {'snow': 0.2, 'rain': 0.08, 'fog': 0.8, 'spray': 0.3, 'dust': 0.4}  # of outliers
@@ -103,13 +104,22 @@ def read_sweeps(recording: CleanRecording, most: int = MAX_CLEAN_SWEEPS) -> list
     return kept
 
 
+def read_recordings(folder: Path) -> list[tuple[str, Sequence[Points]]]:
+    """Read all clean clouds that a folder of real data has, by sensor."""
+    found = [(one.sensor, read_sweeps(one)) for one in known_recordings(folder / 'bags')]
+    by_sensor: dict[str, list[Points]] = {}
+    for sensor, clouds in (*found, *read_single_sweeps(folder), *read_more_sweeps(folder)):
+        by_sensor.setdefault(sensor, []).extend(clouds)
+    return [*by_sensor.items()]
+
+
 def has_pattern(points: Points) -> bool:
     """Return whether trees judge a cloud, and can be trained on it."""
     return find_pattern(points, spins=True) is not None
 
 
 def recorded_sweeps(
-    sensor: str, clouds: Sequence[Points], seed: int, *, law: bool = True
+    sensor: str, clouds: Sequence[Points], seed: int, laws: Collection[str] = TRAINED
 ) -> list[Sweep]:
     """Take clouds as they are, and put every weather into some of them.
 
@@ -119,25 +129,27 @@ def recorded_sweeps(
         Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, np.zeros(len(points), np.bool_))
         for k, points in enumerate(clouds)
     ]
-    for weather in () if sensor in DOMES else WEATHERS:
+    for number, weather in enumerate(() if sensor in DOMES else WEATHERS):
         for k in range(OF_EACH):
-            name = f'{sensor} {weather} {k}'
+            name, cloud = f'{sensor} {weather} {k}', clouds[(number + k) % len(clouds)]
             chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
-            points, outlier = put_weather(clouds[k % len(clouds)], weather, chances, returns)
+            points, outlier = put_weather(cloud, weather, chances, returns)
             sweeps.append(Sweep(name, sensor, weather, points, outlier))
-    return sweeps + _sweeps_of_law(sensor, clouds, seed) if law and sensor not in DOMES else sweeps
+    for law in () if sensor in DOMES else laws:
+        sweeps += sweeps_of_law(law, sensor, clouds, seed)
+    return sweeps
 
 
-def _sweeps_of_law(sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
+def sweeps_of_law(law: str, sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
     """Put the weather of another law into some; what is too thin or too dense is drawn again."""
     sweeps = []
     for turn, (k, weather) in enumerate(itertools.product(range(OF_LAW), MAX_SHARE)):
-        kind = f'{TRAINED_LAW} {weather}'
+        kind = f'{law} {weather}'
         name = f'{sensor} {kind} {k}'
         cloud, returns = clouds[turn % len(clouds)], RETURNS[turn % len(RETURNS)]
         for draw in range(MAX_DRAWS):
-            chances, law = [seed, _number(name), draw], LAWS[TRAINED_LAW]
-            points, outlier = put_weather(cloud, weather, chances, returns, make=law)
+            chances = [seed, _number(name), draw]
+            points, outlier = put_weather(cloud, weather, chances, returns, make=LAWS[law])
             if outlier.sum() >= MIN_OUTLIERS and outlier.mean() <= MAX_SHARE[weather]:
                 sweeps.append(Sweep(name, sensor, kind, points, outlier))
                 break
@@ -276,7 +288,7 @@ def make_sweeps(
     seed: int,
     progress: Progress = lambda _done, _total, _what: None,
     *,
-    law: bool = True,
+    laws: Collection[str] = TRAINED,
 ) -> list[Sweep]:
     """Make everything that trees are trained on and judged by.
 
@@ -286,14 +298,14 @@ def make_sweeps(
     scanners : simulated sensors with published rings, by the names of real ones
     seed : of the weather, from 0
     progress : is called before every sensor: how many of how many are done, and of what
-    law : whether there is weather of the other law, too
+    laws : other laws that there is weather of, too
 
     """
     total = len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
-        sweeps += recorded_sweeps(sensor, clouds, seed, law=law)
+        sweeps += recorded_sweeps(sensor, clouds, seed, laws)
     for number, (sensor, scanner) in enumerate(scanners.items(), len(recordings)):
         progress(number, total, f'streets for {sensor}')
         sweeps += simulated_sweeps(sensor, scanner, seed)

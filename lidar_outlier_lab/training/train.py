@@ -35,6 +35,7 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
     CLEAN,
     STREET,
+    HeldOut,
     choose_threshold,
     figures,
     judge_at_all,
@@ -139,9 +140,10 @@ def train(
     seen = [one for number, sweep in enumerate(sweeps) for one in _observe(sweep, number, recipe)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    threshold_bright, held_out = _held_out(seen[::2], results[::2], recipe)
-    threshold, held_out['without_intensity'] = _held_out(seen[1::2], results[1::2], recipe)
-    _, one_pass = _held_out(seen[::2], odds[::2], recipe)
+    threshold_bright, judged = _held_out(seen[::2], results[::2], recipe)
+    threshold, dark = _held_out(seen[1::2], results[1::2], recipe)
+    held_out = figures(judged, threshold_bright)
+    held_out['without_intensity'] = figures(dark, threshold)
     data = {
         'version': VERSION,
         **about,
@@ -149,14 +151,14 @@ def train(
         'uses': _used(_names(again=True)),
         'sweeps': [one.name for one in sweeps if one.trains and one.kind not in recipe.unseen],
         'held_out': held_out,
-        'held_out_one_pass': one_pass,
+        'held_out_one_pass': figures(*_held_out(seen[::2], odds[::2], recipe)[::-1]),
         'doubtful': DOUBTFUL,
         'threshold': threshold,
         'threshold_bright': threshold_bright,
         'first': first,
         'again': again,
     }
-    return Trained(json.dumps(data, separators=(',', ':')), threshold, held_out)
+    return Trained(json.dumps(data, separators=(',', ':')), threshold, held_out, judged)
 
 
 def _pass(
@@ -195,15 +197,14 @@ def _pass(
 
 def _held_out(
     seen: Sequence[_Seen], odds: Sequence[Singles], recipe: Recipe
-) -> tuple[float, dict[str, Any]]:
-    """Choose a threshold on the sensors left out, and measure its figures."""
+) -> tuple[float, list[HeldOut]]:
+    """Judge all sweeps at every threshold, and choose one on the sensors left out."""
     held = [
         judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]
-    threshold = choose_threshold([one for one in held if one.kind not in recipe.unseen])
-    return threshold, figures(held, threshold)
+    return choose_threshold([one for one in held if one.kind not in recipe.unseen]), held
 
 
 def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:

@@ -30,7 +30,7 @@ from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
-from lidar_outlier_lab.training.held_out import CHOOSE_BY
+from lidar_outlier_lab.training.held_out import NO_WEATHER
 from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
 from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
@@ -199,7 +199,8 @@ def trees(_pages: Pages) -> Figures:
 
 def _parts(held: Mapping[str, Any]) -> str:
     """Lay out what a table says of some trees: weather, good points lost, clean sweeps, streets."""
-    some, streets = [held['weather'][kind] for kind in CHOOSE_BY], held['street_f1']
+    kinds = (kind for kind in held['weather'] if ' ' not in kind and kind not in NO_WEATHER)
+    some, streets = [held['weather'][kind] for kind in kinds], held['street_f1']
     clean = [*held['clean_rejected'].values()]
     lost = float(np.mean([one['lost'] for one in some]))
     return ' | '.join(

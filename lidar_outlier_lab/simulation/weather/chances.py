@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Weather without optics: the chance that a beam is stopped, and where. It judges trees, only.
+"""Weather without optics: the chance that a beam is stopped, and where.
 
 Snow stops beams at lognormal ranges (Michaud et al. 2015), rain at Gamma ones, more in one
 direction than in others; fog by its optical depth, as far as it is seen. Dust and spray are unions
 of balls (Boolean model, Matheron 1975), in which a beam goes an exponential way. Brightness is a
-Gamma variate. No law and no constant is that of the weather that trees are trained on.
+Gamma variate. No law and no constant is that of other weather.
 """
 
 import numpy as np

@@ -11,6 +11,7 @@ import pytest
 from helpers.scans import RATE, TURN_NS, measured, pattern_of, points_of, sweep
 from naive import scan_pattern as naive
 
+from lidar_outlier_filter.core.detectors.boosted_trees import pattern_trees
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     count_scores,
@@ -209,17 +210,19 @@ def test_the_brightest_copy_counts(dim: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize('threshold', [1.0, 2.0])
-def test_points_with_an_intensity_have_a_threshold_of_their_own(threshold: float) -> None:
+def test_points_with_an_intensity_have_a_threshold_of_their_own(
+    threshold: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of equal log-odds, scores differ by whether the brightness is known, and by the user's."""
     points = sweep(5, 0.1, columns=300)
     known = np.arange(len(points)) % 2 == 0
     intensity = np.where(known, 5.0, np.nan).astype(np.float32)
     pattern = pattern_of(replace(points, intensity=intensity))
-    model, prepared = load(), prepare(pattern)
+    model, prepared = load()._replace(threshold_bright=2.5), prepare(pattern)
+    monkeypatch.setattr(pattern_trees, 'load_model', lambda _name: model)
     first = first_pass(prepared, model.first)
     odds = np.empty(len(points), np.float32)
     spread(pattern, second_pass(prepared, first, model.again, model.doubtful), odds)
-    assert model.threshold_bright != model.threshold
     bright = np.empty(len(points), np.float32)
     spread(pattern, pattern.bright, bright)
     assert 0.3 < np.mean(bright >= 0) < 0.7
