@@ -14,20 +14,24 @@ from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile
 from rclpy.expand_topic_name import expand_topic_name
 
 from lidar_outlier_filter.pipeline.topics import output_topics
-from lidar_outlier_filter.ros.executable import split_files, split_namespaces
+from lidar_outlier_filter.ros.executable import split_files, split_namespaces, whole_number
 from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log
 # Seconds from SIGINT to SIGTERM, which ends the node at once: until then it filters what it has.
 SIGTERM_TIMEOUT = '30'
 RELIABILITIES = ('best_effort', 'reliable')
-POLICIES: dict[str, Callable[[str], object]] = {'reliability': str, 'depth': int}
+POLICIES: dict[str, Callable[[str, str], object]] = {
+    'reliability': lambda _, text: text,
+    'depth': whole_number,
+}
 CONFIG = Path(__file__).parents[1] / 'config'
 # Variables that name the settings for large clouds, by middleware; each reads its own only.
 LARGE_CLOUDS = {
@@ -151,7 +155,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     )
     is_large = argument['large_clouds'] == 'true'
     environment = {k: v for k, v in LARGE_CLOUDS.items() if is_large and k not in os.environ}
-    at_end: dict[str, Any] = {'on_exit': Shutdown(reason=f'{argument["name"]} has ended')}
+    at_end: dict[str, Any] = {'on_exit': end}
     if argument['respawn'] == 'true':
         at_end = {'respawn': True, 'respawn_delay': RESPAWN_DELAY}
     arguments = ['--lifecycle'] if argument['lifecycle'] == 'true' else []
@@ -181,6 +185,14 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     return nodes
 
 
+def end(event: ProcessExited, context: LaunchContext) -> Shutdown:
+    """End the launch with its node; an error alone gives `ros2 launch` a status, 1."""
+    ended = f'{event.process_name} has ended with status {event.returncode}'
+    if event.returncode and not context.is_shutdown:
+        raise ChildProcessError(ended)
+    return Shutdown(reason=ended)
+
+
 def parameters(argument: dict[str, str], namespace: str, topics: list[str]) -> dict[str, object]:
     """Return the parameters that arguments set; they win over those of files."""
     given: dict[str, object] = {'inputs': topics} if len(topics) > 1 else {}
@@ -194,8 +206,8 @@ def parameters(argument: dict[str, str], namespace: str, topics: list[str]) -> d
             ('output', 'publisher', output_topics(full)),
         ):
             for name, (policy, read) in itertools.product(names, POLICIES.items()):
-                if value := argument[f'{side}_{policy}']:
-                    given[f'qos_overrides.{name}.{kind}.{policy}'] = read(value)
+                if value := argument[what := f'{side}_{policy}']:
+                    given[f'qos_overrides.{name}.{kind}.{policy}'] = read(what, value)
     return given
 
 

@@ -70,8 +70,7 @@ def decompressed(received: bytes) -> bytes:
     Raises
     ------
     CloudError
-        If it is damaged, or of another format. No more memory is taken than its shape declares,
-        and no more than ``MAX_CLOUD_BYTES``.
+        If it is damaged, or of another format. Its shape bounds the memory, and MAX_CLOUD_BYTES.
 
     """
     order = BYTE_ORDERS.get(received[:2])
@@ -81,8 +80,8 @@ def decompressed(received: bytes) -> bytes:
     size = _bytes_of(found)
     decompress = FORMATS[_format(received, found.end)]
     points = decompress(memoryview(received)[found.begin : found.end], size)
-    head, dense = received[: found.begin - 4], received[found.end : found.end + 1]
-    return b''.join((head, struct.pack(order + 'I', size), points, dense))
+    head = received[: found.begin - 4] + struct.pack(order + 'I', size)
+    return b''.join((head, points, received[found.end : found.end + 1]))
 
 
 def _bytes_of(found: Layout) -> int:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishers of one topic's clouds, and reading of serialised clouds.
 
-rclpy copies the points of a cloud three times while it
-holds the GIL. So rclpy reads only the other fields; the points are a view of the received bytes.
+rclpy copies the points three times under the GIL. So it reads the other fields only; the points
+are a view of the received bytes.
 """
 
 import importlib
@@ -94,8 +94,7 @@ def remapped(node: Node, name: str) -> str:
 def input_type(topic: str) -> tuple[type, Callable[[bytes], PointCloud2]]:
     """Return the type of an input topic, and how its messages are read.
 
-    A topic of point_cloud_transport is named after the format. Without its messages it is read as
-    any other.
+    A topic of point_cloud_transport is named after the format; without its messages it is plain.
     """
     if topic.rpartition('/')[2] in FORMATS:
         with suppress(ImportError):
@@ -132,7 +131,5 @@ def _by_rclpy(data: bytes) -> PointCloud2:
     try:
         return deserialize_message(data, PointCloud2)
     except RuntimeError as err:  # of the middleware
-        must_be = 'a sensor_msgs/msg/PointCloud2'
-        raise CloudError(
-            'a serialised cloud', must_be, f'other bytes ({quote_error(err)})'
-        ) from err
+        must_be, got = 'a sensor_msgs/msg/PointCloud2', f'other bytes ({quote_error(err)})'
+        raise CloudError('a serialised cloud', must_be, got) from err

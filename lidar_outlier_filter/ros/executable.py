@@ -102,5 +102,12 @@ def split_files(what: str, text: str, count: int) -> list[str]:
     return paths if len(paths) == count else paths * count
 
 
+def whole_number(what: str, text: str) -> int:
+    """Return the depth of a queue, which ``what`` names; refuse other words and 0."""
+    if not (text.isascii() and text.isdecimal() and int(text)):
+        raise ParameterError(what, 'a whole number above 0', repr(text))
+    return int(text)
+
+
 if __name__ == '__main__':
     sys.exit(main())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.executable import split_files, split_namespaces
+from lidar_outlier_filter.ros.executable import split_files, split_namespaces, whole_number
 
 RELATIVE = 'input_topic must be without a leading slash for several namespaces, got '
 DIFFERENT = 'namespace must be different names, comma-s'
@@ -49,3 +49,12 @@ def test_a_file_for_each_namespace(tmp_path: Path) -> None:
         split_files('params_file', f'{left},{right}', 3)
     with pytest.raises(ParameterError, match=r'^params_file must be a file that exists'):
         split_files('params_file', f'{left},{tmp_path}/none.yaml', 2)
+
+
+@pytest.mark.parametrize('text', ['abc', '0', '-1', '1.5', '²'])
+def test_depths_are_whole_numbers(text: str) -> None:
+    """Others are refused by the name of the argument."""
+    assert whole_number('input_depth', '10') == 10
+    sentence = f'input_depth must be a whole number above 0, got {text!r}'
+    with pytest.raises(ParameterError, match=re.escape(sentence)):
+        whole_number('input_depth', text)
