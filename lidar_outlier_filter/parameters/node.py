@@ -54,8 +54,8 @@ class LoadParameters:
         'drop_oldest',
         'When clouds arrive faster than they are filtered: drop_oldest: the oldest are dropped; '
         'pass_through: they pass unfiltered, as do those that a detector fails on; degrade: only '
-        'the smoother filters them, and the rest, or all if the chain has no smoother, passes '
-        'unfiltered.',
+        'detectors along scan lines filter them, and the rest, or all if the chain has none, '
+        'passes unfiltered.',
         choices=('drop_oldest', 'pass_through', 'degrade'),
     )
     clouds: int = declare(
