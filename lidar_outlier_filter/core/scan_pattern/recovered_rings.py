@@ -8,6 +8,7 @@ these elevations, and none between. Clouds of other sensors have no such elevati
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -227,6 +228,74 @@ def in_bands(points: Points) -> Points:
     level = np.divide(flat, reach, out=np.ones(len(points)), where=reach > 0)
     height = find_height(elevation, turned.t, level)
     return replace(turned, line=_bands(elevation, height), ring=None)
+
+
+# Such a scanner is known by the curve that each laser draws from shot to shot. It is smooth, it
+# fills an area, and bends no more where ranges jump: so it is only from the origin of the beams.
+MAX_SPAN_NS = 2 * SECOND  # a block is shorter, a map takes longer
+MAX_STEP = 1.5  # times the usual time from shot to shot: beyond, some have no return
+MIN_BENDS, MAX_BENDS = 1 << 10, 1 << 13  # from shot to shot: fewer show nothing, more no more
+MAX_BEND = 0.125  # of the way from the first of the three to the last; without curves it is 0.4
+JUMPS = 100  # one in so many bends has the largest jumps of the range
+# Metres that the origin of the beams is from that of the frame. It was 0.08 of a Bpearl, and what
+# 0.15 would spoil is little.
+MAX_OFF_M = 0.1
+MIN_WIDTH = 0.07  # of the length of a curve: a Mid-40 has 0.09 and more, a ring 0.05 and less
+
+
+def draws_curves(points: Points, order: Ints) -> bool:
+    """Return whether points are of a scanner without rings, which is at the origin.
+
+    Parameters
+    ----------
+    points : valid ones with times, and lasers as lines
+    order : that of :func:`.order_by_line`
+
+    """
+    line = points.line[order]
+    if len(line) < MIN_BENDS or len(line_starts(line)) > MIN_RINGS:
+        return False
+    t = points.t[order]
+    if np.ptp(t) > MAX_SPAN_NS:
+        return False
+    shot = np.flatnonzero(
+        (np.diff(t, prepend=t[0] - 1) != 0) | (np.diff(line, prepend=line[0] - 1) != 0)
+    )
+    step, line = np.diff(t[shot]), line[shot]
+    same = np.diff(line) == 0
+    near = same & (step <= MAX_STEP * np.median(step[same])) if same.any() else same
+    begin = np.flatnonzero(near[1:] & near[:-1])
+    if len(begin) < MIN_BENDS:
+        return False
+    begin = begin[:: -(-len(begin) // MAX_BENDS)]
+    three = points.xyz[order[shot[np.arange(3)[:, None] + begin]]]
+    distance = np.sqrt((three**2).sum(axis=2))
+    nearness = np.divide(1.0, distance, out=np.zeros_like(distance), where=distance > 0)
+    towards = three * nearness[..., None]
+    part = step[begin] / (step[begin] + step[begin + 1])
+    bend = _length(towards[1] - towards[0] - part[:, None] * (towards[2] - towards[0]))
+    jump = np.abs(nearness[1] - nearness[0] - part * (nearness[2] - nearness[0]))
+    largest = np.argsort(jump, kind='stable')[-(len(jump) // JUMPS) :]
+    return bool(
+        np.median(bend) < MAX_BEND * np.median(_length(towards[2] - towards[0]))
+        and np.median(bend[largest] - MAX_OFF_M * jump[largest]) < 0.0
+        and _width(towards[0], line_starts(line[begin])) > MIN_WIDTH
+    )
+
+
+def _length(vectors: Floats) -> Floats:
+    length: Floats = np.sqrt((vectors**2).sum(axis=1))
+    return length
+
+
+def _width(towards: Floats, first: Ints) -> float:
+    """Return how wide the curves of some lines are, typically, ÷ how long."""
+    widths = []
+    for begin, end in pairwise(first):
+        about = towards[begin:end] - towards[begin:end].mean(axis=0)
+        least, _, most = np.linalg.eigvalsh(np.einsum('ij,ik->jk', about, about))
+        widths.append(math.sqrt(max(least, 0.0) / most) if most > 0 else 0.0)
+    return float(np.median(widths))
 
 
 def find_height(elevation: Floats, turned: Ints, level: Floats) -> float:

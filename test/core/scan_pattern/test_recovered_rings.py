@@ -4,6 +4,8 @@
 
 import csv
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -19,6 +21,9 @@ from naive import recovered_rings as naive
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import FREE_MODEL
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.scan_lines import order_by_line
 from lidar_outlier_filter.core.scan_pattern import recovered_rings as rings
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, describe_file
@@ -309,6 +314,61 @@ def test_few_points() -> None:
     """A handful of points has no bands, and is judged by neighbours."""
     assert find_either(points_of(scattered(10)), 'free') is None
     assert not detect_outliers(scattered(10), parameters=FREE).outlier.any()
+
+
+def rosette(turns: float = 7.7) -> Points:
+    """Look into a hall with a pillar, shot by shot along petals; some beams end on the way."""
+    shot, rng = np.arange(6000), np.random.default_rng(4)
+    across = 0.3 * np.sin(turns / 1000 * shot)
+    beam = np.stack([1.0 + 0.0 * across, across, across])
+    beam[1:] *= [np.cos(shot * 0.0049), np.sin(shot * 0.0049)]
+    far = np.where(np.abs(beam[1] - 0.1) < 0.05, 5.0, 12.0)
+    far[rng.random(6000) < 0.02] *= 0.5
+    return replace(points_of((far * beam).T), t=10_000 * shot)
+
+
+def ring_of(points: Points) -> Points:
+    """Return a profile of the hall instead: shots along a circle."""
+    angle = points.t * 1e-6
+    far = points.xyz[:, :1] / 5.0
+    return replace(points, xyz=far * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
+
+
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        (lambda p: p, True),
+        (lambda p: p.take(np.random.default_rng(3).permutation(len(p))), True),
+        (lambda p: p.take(np.repeat(np.arange(len(p)), 2)), True),  # two returns of each shot
+        (lambda p: replace(p, xyz=p.xyz + np.array([0.0, 0.0, 0.05])), True),
+        (lambda p: replace(p, xyz=p.xyz + 7.0, own=p.xyz), True),
+        (lambda p: replace(p, xyz=p.xyz + np.array([0.0, 0.0, 0.3])), False),
+        (lambda p: replace(p, xyz=p.xyz + 7.0), False),
+        (lambda p: replace(p, xyz=np.random.default_rng(3).permutation(p.xyz)), False),
+        (lambda p: replace(p, line=np.arange(len(p)) % 8), False),
+        (lambda p: replace(p, t=40 * p.t), False),
+        (lambda p: replace(p, t=0 * p.t), False),
+        (lambda p: p.take(slice(900)), False),
+        (lambda p: p.take(slice(0)), False),
+        (lambda p: replace(p, xyz=1e-170 * p.xyz), False),
+        (ring_of, False),
+    ],
+)
+def test_curves(change: Callable[[Points], Points], *, expected: bool) -> None:
+    """Smooth curves over an area, seen from their origin, are those of a scanner without rings."""
+    points = change(rosette())
+    assert rings.draws_curves(points.in_own_frame, order_by_line(points)) is expected
+
+
+def test_auto_judges_curves_as_free() -> None:
+    """Nobody has to say that a scanner has no rings, in files and streams."""
+    points = rosette()
+    free = detect_outliers(points.xyz, t=points.t, line=points.line, parameters=FREE)
+    auto = detect_outliers(points.xyz, t=points.t, line=points.line)
+    np.testing.assert_array_equal(auto.score, free.score)
+    found = find_either(points, 'auto')
+    assert found is not None
+    assert found.model == FREE_MODEL
 
 
 def test_a_point_at_the_sensor_changes_no_band() -> None:

@@ -39,7 +39,11 @@ from lidar_outlier_filter.core.points.scan_lines import has_lines, order_by_line
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, in_bands
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    as_turn,
+    draws_curves,
+    in_bands,
+)
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -67,13 +71,10 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     Parameters
     ----------
     points : valid ones
-    sensor : 'spinning', 'profile', 'auto' (either), or 'free' (a scanner without rings)
+    sensor : 'spinning', 'profile', 'free' (a scanner without rings), or 'auto' (any of them)
     threads : maximum number of threads; 0: all cores
 
     """
-    if sensor == 'free':
-        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-        return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
     # the two fits. The own frame of points that may have been moved is sought after both, as it
     # takes long.
@@ -81,6 +82,9 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     # Azimuths are known in the sensor's own frame only.
     turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
     order = order_by_line(turned)
+    if sensor == 'free' or (sensor == 'auto' and draws_curves(turned, order)):
+        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
+        return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
     if sensor != 'profile':
         pattern = find_pattern(turned, threads, order, spins=spins)
         if pattern is not None:
