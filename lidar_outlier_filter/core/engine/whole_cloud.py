@@ -15,7 +15,11 @@ from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.engine.slow import SaySlow
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS, recover_rings
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    MAX_TURN_POINTS,
+    find_rows,
+    recover_rings,
+)
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -52,7 +56,11 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
     if not reads(parameters, 'ring') or has_lines(cloud):
         return cloud
     where = np.flatnonzero(cloud.valid)
-    found = recover_rings(cloud.xyz[where]) if len(where) <= MAX_TURN_POINTS else None
+    if len(where) > MAX_TURN_POINTS:
+        return cloud
+    found = recover_rings(cloud.xyz[where])
+    if found is None:
+        found = find_rows(cloud.take(where), np.arange(len(where)))
     if found is None:
         return cloud
     ring = np.full(len(cloud), -1)

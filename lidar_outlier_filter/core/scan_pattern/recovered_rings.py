@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rings of a cloud without a ring field, recovered from elevations; or bands of elevation.
+"""Rings of a cloud without a ring field, from elevations or rows; or bands of elevation.
 
 A spinning sensor measures at some elevations only. Seen from the origin of its beams, points lie at
-these elevations, and none between. Clouds of other sensors have no such elevations.
+these elevations, and none between. Clouds of other sensors have no such elevations. Where motion
+has spoilt them, points may still come ring by ring, as rows of a range image.
 """
 
 import math
@@ -18,7 +19,12 @@ from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, TURN, arctangent
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import (
+    MIN_RING_RETURNS,
+    TURN,
+    advances,
+    arctangent,
+)
 
 # The origin of the beams: lenses sit beside the axis, and frames begin below them, so near points
 # of a ring are not at its elevation. Seen from the right position, elevations lie closest together.
@@ -135,6 +141,58 @@ def recover_rings(xyz: Floats) -> Ints | None:
         return None
     between = (rings[1:] + rings[:-1]) / 2.0
     return np.searchsorted(between, elevations(flat, z, origin)).astype(np.int64)
+
+
+MIN_ROW_RAD = 1.0  # rad that a row turns; flight lines of a map, far from its origin, turn less
+
+
+def find_rows(points: Points, order: Ints) -> Ints | None:
+    """Find rows of a range image: azimuths advance along each, and each lies above the one before.
+
+    Parameters
+    ----------
+    points : valid ones, in the sensor's own frame
+    order : that of :func:`.order_by_line`; if all are of one line, each turn of it is a row
+
+    Returns
+    -------
+    (N,) int64 or None
+        The ring of each point; 0 is the lowest. None if the points are no such rows.
+
+    """
+    if not MIN_RINGS * MIN_RING_RETURNS <= len(points) <= MAX_TURN_POINTS:
+        return None
+    azimuth: Floats = _times(points.xyz[order]).astype(np.float64) * (TURN / SECOND)
+    line = points.line[order]
+    if line[0] == line[-1]:
+        phase = np.cumsum(_steps(azimuth))
+        line = np.maximum(np.floor(np.sign(phase[-1]) * phase / TURN), 0.0).astype(np.int64)
+        inner = np.argsort(line, kind='stable')
+        order, azimuth, line = order[inner], azimuth[inner], line[inner]
+    first = line_starts(line)
+    if not MIN_RINGS < len(first) <= MAX_RINGS + 1:
+        return None
+    step = _steps(azimuth)
+    step[first[:-1]] = 0.0
+    phase = np.cumsum(step if step.sum() > 0 else -step)
+    turns = np.diff(phase[np.append(first[:-1], -1)])
+    distance = points.range[order]
+    up = np.divide(points.xyz[order, 2], distance, out=np.zeros(len(order)), where=distance > 0)
+    full = [part for part in pairwise(first) if part[1] - part[0] >= MIN_RING_RETURNS]
+    higher = np.sign(np.diff([np.median(up[begin:end]) for begin, end in full]))
+    rises = abs(higher.sum()) == len(higher) >= MIN_RINGS - 1
+    if not rises or np.median(turns) < MIN_ROW_RAD or not advances(phase, first):
+        return None
+    numbers = np.arange(len(first) - 1)
+    ring = np.empty(len(order), np.int64)
+    ring[order] = np.repeat(numbers if higher[0] > 0 else numbers[::-1], np.diff(first))
+    return ring
+
+
+def _steps(azimuth: Floats) -> Floats:
+    """Return the angle from each azimuth to the next, the shorter way round; 0 at first."""
+    step: Floats = np.diff(azimuth, prepend=azimuth[:1])
+    return step - TURN * np.rint(step / TURN)
 
 
 def as_turn(points: Points) -> Points:

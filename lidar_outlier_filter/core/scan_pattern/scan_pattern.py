@@ -106,9 +106,7 @@ LAG = 8  # returns of a ring, to measure how fast the head turns
 SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
 MIN_RING_RETURNS = 2 * LAG  # returns of a ring that show how fast the head turns
 MIN_STEADY_SHARE = 0.9  # of the steps along rings go the way the head turns, or there is no pattern
-# Rows of a range image hold several returns of a column in any order: there many steps go back, by
-# small angles, so it is the share of all angles.
-MIN_FORWARD_SHARE = 0.7
+MAX_BEHIND_RAD = 0.1  # in rows of a range image: the returns of a packet may come in any order
 AT_ONCE = 1 << 14  # points that a thread takes
 MIN_GAP_RAD = 1e-4  # rad between rings
 MIN_COSINE = 1e-3  # of an elevation: a beam straight up has no azimuth
@@ -153,7 +151,7 @@ def find_pattern(
     threads : maximum number of threads; 0: all cores
     order : that of :func:`.order_by_line`, where it is known; a pattern that is found changes it
     spins : the sensor is known to spin; else it must measure several lines at once
-    in_rows : rings may be rows of a range image, in whose columns returns come in any order
+    in_rows : rings may be rows of a range image, in whose packets returns come in any order
 
     Returns
     -------
@@ -218,12 +216,7 @@ def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> _Turned 
         at_once,
         threads,
     )
-    if in_rows:
-        step = np.diff(phase)
-        step[lines.first[1:-1] - 1] = 0.0
-        if step[step > 0].sum() < MIN_FORWARD_SHARE * np.abs(step).sum():
-            return None
-    elif steady.sum() < MIN_STEADY_SHARE * count:
+    if not (advances(phase, lines.first) if in_rows else steady.sum() >= MIN_STEADY_SHARE * count):
         return None
 
     def sort(begin: int, end: int) -> None:
@@ -232,6 +225,14 @@ def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> _Turned 
 
     pool.run(sort, number, at_once, threads)
     return _Turned(phase, up)
+
+
+def advances(phase: Floats, first: Ints) -> bool:
+    """Return whether few returns are far behind the farthest that their line has turned before."""
+    apart = 2.0 * np.ptp(phase)
+    lifted = phase + apart * np.repeat(np.arange(len(first) - 1), np.diff(first))
+    behind = np.maximum.accumulate(lifted) - lifted
+    return bool((behind <= MAX_BEHIND_RAD).mean() >= MIN_STEADY_SHARE)
 
 
 def _leave_out_copies(

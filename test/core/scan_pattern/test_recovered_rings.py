@@ -15,7 +15,7 @@ import pytest
 import yaml
 from helpers.cloud_files import columns
 from helpers.drives import first_cloud
-from helpers.scans import points_of
+from helpers.scans import points_of, sweep
 from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
@@ -259,7 +259,8 @@ def test_intensities_of_files(tmp_path: Path) -> None:
 
 # Bands, where there are no rings -----------------------------------------------------------------
 
-FREE = {'boosted_trees.sensor': 'free'}
+SENSOR = 'boosted_trees.sensor'
+FREE, SPINNING = {SENSOR: 'free'}, {SENSOR: 'spinning'}
 
 
 def scattered(count: int, seed: int = 1, stray: float = 0.0) -> Floats:
@@ -369,6 +370,49 @@ def test_auto_judges_curves_as_free() -> None:
     found = find_either(points, 'auto')
     assert found is not None
     assert found.model == FREE_MODEL
+
+
+# Rows --------------------------------------------------------------------------------------------
+
+
+def drive(beside: float = 0.0) -> tuple[Points, Ints]:
+    """Return a sweep during which the sensor moved on, so that rings have no elevation, in rows."""
+    points = sweep(4, 0.02, columns=600, elevations=np.linspace(-24.0, 2.0, 64).tolist())
+    moved = points.xyz + np.stack([points.t * 4e-9 - beside, 0.0 * points.t, 0.0 * points.t], 1)
+    order = np.lexsort((points.t, -points.line))
+    return replace(points, xyz=moved).take(order), points.line[order]
+
+
+@pytest.mark.parametrize('named', [True, False])
+def test_rows_without_times(*, named: bool) -> None:
+    """What comes row by row has the rings that rows are, and the verdicts of a timed sweep."""
+    points, ring = drive()
+    zeros = np.zeros(len(ring), np.int64)
+    bare = replace(points, t=zeros, line=ring if named else zeros)
+    assert rings.recover_rings(bare.xyz) is None
+    assert share_right(rings.find_rows(bare, order_by_line(bare)), ring) > 0.98
+    timed = detect_outliers(points.xyz, t=points.t, line=ring, parameters=SPINNING)
+    for sensor in ('auto', 'spinning'):
+        bare_too = detect_outliers(bare.xyz, line=bare.line, parameters={SENSOR: sensor})
+        assert (bare_too.outlier == timed.outlier).mean() > 0.998
+    assert timed.outlier.sum() > 500
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda p: p.take(np.random.default_rng(3).permutation(len(p))),
+        lambda p: replace(p, xyz=p.xyz + np.array([500.0, 0.0, 0.0])),
+        lambda p: replace(p, xyz=p.xyz * [1.0, 1.0, 0.0]),
+        lambda p: p.take(slice(4000)),
+        lambda p: p.take(slice(0)),
+    ],
+)
+def test_no_rows(change: Callable[[Points], Points]) -> None:
+    """Points in any order, far from the origin, at one height, or of few rows are no rows."""
+    points = change(drive()[0])
+    bare = replace(points, t=0 * points.t, line=0 * points.line)
+    assert rings.find_rows(bare, order_by_line(bare)) is None
 
 
 def test_a_point_at_the_sensor_changes_no_band() -> None:

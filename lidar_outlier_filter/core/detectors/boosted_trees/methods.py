@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods of the default detector, the choice between them, and explanations of scores."""
 
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Singles
+from lidar_outlier_filter.core.annotations import Bools, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
@@ -37,11 +38,12 @@ from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines, order_by_line
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, spread
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
     as_turn,
     draws_curves,
+    find_rows,
     in_bands,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
@@ -100,9 +102,18 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         moved = find_own_frame(points, order)
         pattern = None if moved is None else find_pattern(moved.in_own_frame, threads, order)
     if pattern is None:
-        # Rows of a range image, in whose columns azimuths are not sorted.
-        pattern = find_pattern(turned, threads, order, spins=spins, in_rows=True)
+        pattern = _find_in_rows(turned, order, spins, threads)
     return None if pattern is None else FoundPattern(pattern, PATTERN_MODEL)
+
+
+def _find_in_rows(points: Points, order: Ints, spins: bool, threads: int) -> Pattern | None:
+    """Find the scan pattern of rows of a range image, with times of columns or without times."""
+    pattern = find_pattern(points, threads, order, spins=spins, in_rows=True)
+    if pattern is not None or points.ring is not None:
+        return pattern
+    rows = find_rows(points, order)
+    turned = None if rows is None else as_turn(replace(points, ring=rows))
+    return None if turned is None else find_pattern(turned, threads, spins=True)
 
 
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:

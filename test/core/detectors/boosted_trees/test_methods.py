@@ -80,10 +80,10 @@ def test_a_whole_cloud_without_lines(sensor: str, expected: Method, *, has_rings
 
 @pytest.mark.parametrize(
     ('returns', 'expected'),
-    [(1, Method.PATTERN), (2, Method.PATTERN), (8, Method.NEIGHBOURS)],
+    [(1, Method.PATTERN), (2, Method.PATTERN), (8, Method.PATTERN), (64, Method.NEIGHBOURS)],
 )
 def test_rows_of_a_range_image(returns: int, expected: Method) -> None:
-    """Two returns of a column may come in any order, with one time; the verdicts stay the same."""
+    """The returns of a packet may come in any order, with one time; the verdicts stay the same."""
     points = sweep(4, 0.0, columns=900)
     shot = np.unique(points.t, return_inverse=True)[1]
     mixed = np.random.default_rng(1).permutation(len(points))
