@@ -9,6 +9,8 @@ of measurement, and returns the indices of the points that it removes.
 from collections.abc import Sequence
 from math import acos, atan2, cos, degrees, dist, isnan, nan, radians, sin, tan
 
+import numpy as np
+
 Point = Sequence[float]
 Line = Sequence[Point]
 
@@ -42,10 +44,10 @@ def scan_shadows(
     """``ScanShadowsFilter::update`` of laser_filters 905f5e9 (scan_shadows_filter.h).
 
     The angle between two beams is that of the points instead of a multiple of an increment. A
-    missing return is a point of nan.
+    missing return is a point of nan. Ranges are of single precision.
     """
     removed = set()
-    ranges = [norm(point) for point in line]
+    ranges = [float(np.float32(norm(point))) for point in line]
     for i in range(len(line)):
         for y in range(-window, window + 1):
             j = i + y

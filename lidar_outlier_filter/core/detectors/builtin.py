@@ -248,12 +248,7 @@ class ScanShadows(Section):
     """The shadow angle between neighbours of a scan line, as in laser_filters."""
 
     min_angle: float = declare(
-        10.0,
-        'Points behind one whose shadow angle is smaller are rejected; the largest angle is 180° - '
-        'this.',
-        'deg',
-        0.01,
-        89.99,
+        10.0, 'Points behind one with a smaller shadow angle are rejected.', 'deg', 0.01, 89.99
     )
     neighbors: int = declare(
         1, 'Points on either side of a shadow that are rejected if farther.', '', 1, 100

@@ -64,7 +64,8 @@ def detect(points: Points, lines: Lines, parameters: ScanShadows) -> Floats:
     """
     segment: Ints = np.cumsum(lines.before < 0)
     sharp = parameters.min_angle / _smallest_angles(points, segment, parameters.window)
-    reach, result = points.range, np.zeros(len(points))
+    # As in laser_filters: coordinates are rounded, and so are the ranges that are compared.
+    reach, result = points.range.astype(np.float32), np.zeros(len(points))
     for step in range(1, parameters.neighbors + 1):
         one, other = slice(None, -step), slice(step, None)
         together = segment[one] == segment[other]
