@@ -104,7 +104,7 @@ class Verdict:
         if found.extra is not None:
             self.detectors[where] |= found.extra
         if found.reason is not None:
-            self.reason[where] = found.reason
+            self.reason[where] = np.where(found.reason > 0, found.reason, self.reason[where])
 
     def settle(self, needed: int) -> None:
         """Reject the points that at least ``needed`` detectors reject."""

@@ -52,6 +52,7 @@ _COLOURS = {
     'elevation': '#56b4e9',
     'hierarchical': '#e69f00',
     'lof': '#d55e00',
+    'mixed_pixels': '#8b0000',
     'quadric': '#cc79a7',
     'ring_outlier': '#bcbd22',
     'scan_shadows': '#aa4499',

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
 SURVEY_OUTPUT, FREE_OUTPUT = Path('survey_model.json'), Path('free_model.json')
+MIXED_OUTPUT = Path('mixed_model.json')
 
 
 def add_train(commands: Commands) -> None:
@@ -46,9 +47,10 @@ def add_train(commands: Commands) -> None:
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '
         'trees for profile scanners, on simulated streets alone. With --survey, train those for '
-        'clouds without scan lines; with --free, without other laws of weather, those for scanners '
-        'without rings. It takes about a quarter of an hour of processor time; with '
-        '--profile or --survey a few minutes. Needs the extra "lab".',
+        'clouds without scan lines; with --free, without other laws of weather, those for '
+        'scanners without rings; with --mixed, those of `mixed_pixels`. It takes about a quarter '
+        'of an hour of processor time; with --profile, --survey or --mixed a few minutes. Needs '
+        'the extra "lab".',
         epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
         '  lidar-outlier-filter train --survey --output trees.json',
     )
@@ -64,6 +66,9 @@ def add_train(commands: Commands) -> None:
         '--free',
         action='store_true',
         help='for scanners without rings: without other laws of weather',
+    )
+    parser.add_argument(
+        '--mixed', action='store_true', help='for `mixed_pixels`: points between two surfaces alone'
     )
     parser.add_argument(
         '--data',
@@ -85,7 +90,7 @@ def add_train(commands: Commands) -> None:
         type=Path,
         metavar='FILE',
         help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile, {SURVEY_OUTPUT} with '
-        '--survey, {FREE_OUTPUT} with --free',
+        f'--survey, {FREE_OUTPUT} with --free, {MIXED_OUTPUT} with --mixed',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'
@@ -97,11 +102,17 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import check_new, new_output
 
     import_module('sklearn')  # before the work
-    if options.profile + options.survey + options.free > 1:
-        raise FilterError('--profile, --survey and --free', 'one of them', 'more')
+    outputs = {
+        'profile': PROFILE_OUTPUT,
+        'survey': SURVEY_OUTPUT,
+        'free': FREE_OUTPUT,
+        'mixed': MIXED_OUTPUT,
+    }
+    chosen = [path for name, path in outputs.items() if getattr(options, name)]
+    if len(chosen) > 1:
+        raise FilterError('--profile, --survey, --free and --mixed', 'one of them', 'more')
     train = _train_scenes if options.profile or options.survey else _train_spinning
-    usual = SURVEY_OUTPUT if options.survey else FREE_OUTPUT if options.free else OUTPUT
-    output = options.output or (PROFILE_OUTPUT if options.profile else usual)
+    output = options.output or (*chosen, OUTPUT)[0]
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
     check_new(output)
@@ -115,16 +126,23 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
-    from lidar_outlier_lab.training import scenes
+    from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+    from lidar_outlier_lab.training import scenes, train_mixed
     from lidar_outlier_lab.training.train import Recipe, train
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    laws = () if options.free else scenes.TRAINED
-    sweeps = scenes.make_sweeps(recordings, scanners, options.seed, progress, laws=laws)
-    about = _about([name for name, _ in recordings], [*scanners], laws)
-    recipe = Recipe(options.seed)
-    result = train(sweeps, about, recipe, progress)
+    laws = () if options.free or options.mixed else scenes.TRAINED
+    weathers = [train_mixed.MIXED] if options.mixed else [*WEATHERS]
+    sweeps = scenes.make_sweeps(
+        recordings, scanners, options.seed, progress, laws=laws, weathers=weathers
+    )
+    about = _about([name for name, _ in recordings], [*scanners], weathers, laws)
+    if options.mixed:
+        about['about'] = 'Trees on mixed pixels, by lidar-outlier-filter train --mixed'
+        result = train_mixed.train(sweeps, about, options.seed, progress)
+        return result.text, result.threshold, [_mixed_table(result.held_out)]
+    result = train(sweeps, about, Recipe(options.seed), progress)
     return result.text, result.threshold, _tables(result.held_out)
 
 
@@ -217,9 +235,10 @@ def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
     return {} if folder is None else known_scanners(folder / 'ring_tables')
 
 
-def _about(sensors: list[str], scanners: list[str], laws: Sequence[str]) -> dict[str, Any]:
+def _about(
+    sensors: list[str], scanners: list[str], weathers: list[str], laws: Sequence[str]
+) -> dict[str, Any]:
     from lidar_outlier_filter import __version__
-    from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
     from lidar_outlier_lab.training import scenes
 
     return {
@@ -227,7 +246,7 @@ def _about(sensors: list[str], scanners: list[str], laws: Sequence[str]) -> dict
         'package': __version__,
         'trained_on': {
             'recordings': sensors,
-            'weather': list(WEATHERS),
+            'weather': weathers,
             'sweeps_of_each': scenes.OF_EACH,
             'laws': [*laws],
             'sweeps_of_law': scenes.OF_LAW,
@@ -238,6 +257,20 @@ def _about(sensors: list[str], scanners: list[str], laws: Sequence[str]) -> dict
             'street_seed_held_out': scenes.STREET_SEED_HELD_OUT,
         },
     }
+
+
+def _mixed_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of mixed pixels, of the sensors left out."""
+    rows = {
+        sensor: (
+            f'{100 * held_out["found"].get(sensor, 0.0):.1f} %',
+            f'{100 * share:.4f} %',
+            f'{100 * held_out["clean_rejected"][sensor]:.4f} %',
+        )
+        for sensor, share in held_out['known_good_rejected'].items()
+    }
+    head = ('sensor left out', 'found', 'known good points lost', 'all points of clean sweeps')
+    return _table(head, rows)
 
 
 def _tables(held_out: Mapping[str, Any]) -> list[Table]:

@@ -49,7 +49,7 @@ def judge_at_all(
     return HeldOut(sensor, kind, f1, lost / max(len(good), 1), len(bad))
 
 
-def choose_threshold(sweeps: Sequence[HeldOut]) -> float:
+def choose_threshold(sweeps: Sequence[HeldOut], most: float = MAX_CLEAN_SHARE) -> float:
     """Choose the threshold that leaves clean sweeps alone, and is best where least is found.
 
     Best is the mean F1 of the worst quarter of all pairs of sensor and weather. The sensor whose
@@ -62,7 +62,7 @@ def choose_threshold(sweeps: Sequence[HeldOut]) -> float:
     worth = worst_quarter([*cells.values()]) if cells else np.zeros(len(LIMITS))
     lost = np.sort(list(clean.values()), axis=0) if clean else np.zeros((1, len(LIMITS)))
     rejected = np.mean(lost[: max(len(lost) - 1, 1)], axis=0)
-    allowed = rejected <= MAX_CLEAN_SHARE
+    allowed = rejected <= most
     if not allowed.any():
         return float(LIMITS[-1])
     return float(LIMITS[int(np.argmax(np.where(allowed, worth, -1.0)))])

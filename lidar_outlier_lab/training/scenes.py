@@ -119,7 +119,11 @@ def has_pattern(points: Points) -> bool:
 
 
 def recorded_sweeps(
-    sensor: str, clouds: Sequence[Points], seed: int, laws: Collection[str] = TRAINED
+    sensor: str,
+    clouds: Sequence[Points],
+    seed: int,
+    laws: Collection[str] = TRAINED,
+    weathers: Collection[str] = tuple(WEATHERS),
 ) -> list[Sweep]:
     """Take clouds as they are, and put every weather into some of them.
 
@@ -130,7 +134,7 @@ def recorded_sweeps(
         for k, points in enumerate(clouds)
     ]
     for number, weather in enumerate(() if sensor in DOMES else WEATHERS):
-        for k in range(OF_EACH):
+        for k in range(OF_EACH if weather in weathers else 0):
             name, cloud = f'{sensor} {weather} {k}', clouds[(number + k) % len(clouds)]
             chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
             points, outlier = put_weather(cloud, weather, chances, returns)
@@ -282,13 +286,14 @@ def simulated_sweeps(sensor: str, scanner: SpinningScanner, seed: int) -> list[S
     return sweeps
 
 
-def make_sweeps(
+def make_sweeps(  # noqa: PLR0913  what sweeps depend on
     recordings: Sequence[tuple[str, Sequence[Points]]],
     scanners: Mapping[str, SpinningScanner],
     seed: int,
     progress: Progress = lambda _done, _total, _what: None,
     *,
     laws: Collection[str] = TRAINED,
+    weathers: Collection[str] = tuple(WEATHERS),
 ) -> list[Sweep]:
     """Make everything that trees are trained on and judged by.
 
@@ -299,13 +304,14 @@ def make_sweeps(
     seed : of the weather, from 0
     progress : is called before every sensor: how many of how many are done, and of what
     laws : other laws that there is weather of, too
+    weathers : those put into recordings
 
     """
     total = len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
-        sweeps += recorded_sweeps(sensor, clouds, seed, laws)
+        sweeps += recorded_sweeps(sensor, clouds, seed, laws, weathers)
     for number, (sensor, scanner) in enumerate(scanners.items(), len(recordings)):
         progress(number, total, f'streets for {sensor}')
         sweeps += simulated_sweeps(sensor, scanner, seed)

@@ -249,11 +249,14 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     )
 
 
-def lie_between(pattern: Pattern, values: Singles) -> Bools:
+def lie_between(
+    pattern: Pattern, values: Singles, apart: float | None = None, off: float = OFF
+) -> Bools:
     """Return which points of a pattern (N,), in its order, may be mixed: they lie between surfaces.
 
-    The returns before and after in the ring are well nearer and well farther, and no straight line
-    through neighbours predicts the range. ``values`` (F, N) are the features.
+    The returns before and after in the ring are well nearer and well farther, by more than
+    ``apart``, and no straight line through neighbours predicts the range up to ``off``, both in
+    metres. ``values`` (F, N) are the features.
     """
     cell = np.flatnonzero(pattern.order >= 0)
     line = np.repeat(np.arange(len(pattern.first)), pattern.last - pattern.first)
@@ -261,9 +264,9 @@ def lie_between(pattern: Pattern, values: Singles) -> Bools:
     before, after = reach[cell] - reach[cell - 1], reach[cell + 1] - reach[cell]
     most = NEXT * pattern.step[line] * pattern.turn[line]
     beside = (phase[cell] - phase[cell - 1] <= most) & (phase[cell + 1] - phase[cell] <= most)
-    least = BETWEEN + pattern.gap[line] * reach[cell]
-    apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
-    between: Bools = beside & apart & (values[[*WINDOW].index('along_m')] > OFF)
+    least = BETWEEN + pattern.gap[line] * reach[cell] if apart is None else apart
+    beside &= (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    between: Bools = beside & (values[[*WINDOW].index('along_m')] > off)
     return between
 
 

@@ -183,6 +183,12 @@ WAYS: dict[str, dict[str, object]] = {
         'boosted_trees.sensor': 'spinning',
         'boosted_trees.threshold': 0.7,
     },
+    'mixed pixels': {
+        'chain': ['boosted_trees', 'mixed_pixels'],
+        'boosted_trees.sensor': 'spinning',
+        'boosted_trees.threshold': 0.7,
+        'mixed_pixels.threshold': 0.8,
+    },
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 LONG: dict[str, dict[str, object]] = {

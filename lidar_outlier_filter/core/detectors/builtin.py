@@ -307,6 +307,15 @@ class CropBox(Section):
                 raise ParameterError(f'crop_box.min_{name}', must_be, f'{low:g} m')
 
 
+@dataclass(frozen=True)
+class MixedPixels(Section):
+    """Gradient-boosted trees on points between two surfaces."""
+
+    threshold: float = declare(
+        1.0, "Rejected above this many times the model's own threshold.", '', 1e-6, 1e6
+    )
+
+
 DEFAULT = 'boosted_trees'  # the chain
 # Modules that explain the scores of a detector. REASONS: what the numbers in Scores.reason mean,
 # from 1 to 255, unique among all detectors. METHODS: for each, its features with a description.
@@ -418,6 +427,16 @@ _EVERY = (
         large='files',
         rejects='is too near or too far, or outside a box in the frame of the sensor; or inside '
         'it, with `negative`',
+    ),
+    Detector(
+        name='mixed_pixels',
+        bit=2048,
+        section=MixedPixels,
+        score=f'{__package__}.boosted_trees.mixed_pixels:detect',
+        lines='uses',
+        columns=lambda parameters: parameters.of(BoostedTrees).columns,
+        rejects='lies between two surfaces at an edge, by trees trained for it alone (spinning '
+        'sensors)',
     ),
 )
 BUILTIN = {one.name: one for one in _EVERY}

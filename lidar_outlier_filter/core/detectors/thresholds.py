@@ -179,6 +179,7 @@ _THRESHOLDS: dict[str, Callable[[FilterParameters], Threshold]] = {
     'elevation': _elevation,
     'hierarchical': _hierarchical,
     'lof': _lof,
+    'mixed_pixels': lambda _: plain('mixed_pixels.threshold', [n / 50 for n in range(5, 151)]),
     'quadric': lambda _: significance('quadric.significance'),
     'ring_outlier': lambda _: _inverse('ring_outlier.object_length_threshold', decades(-3, 3)),
     'scan_shadows': lambda _: _inverse('scan_shadows.min_angle', [*range(1, 90)]),

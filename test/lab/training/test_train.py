@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scans import points_of, sweep
+from helpers.scans import edges, pattern_of, sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from lidar_outlier_filter.cli.main import main
@@ -20,13 +20,12 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     add_up,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_lab.simulation.scenes import profile_streets
 from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
-from lidar_outlier_lab.training import more_sweeps, scenes, train_profile
+from lidar_outlier_lab.training import more_sweeps, scenes, train_mixed, train_profile
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features
@@ -163,22 +162,31 @@ def test_what_cannot_be_trained_on() -> None:
 
 def test_mixed_points_do_not_train_as_good() -> None:
     """What lies between a near and a far surface is named; poles, walls and slopes are not."""
-    columns, rings = 360, 8
-    shot = np.arange(columns * rings)
-    ring, column = shot % rings, shot // rings
-    azimuth = -2 * np.pi * column / columns
-    up = np.radians(np.linspace(-14.0, 14.0, rings))[ring]
-    # A near wall, a far one, mixed points where they meet, and a pole before the far one.
-    far = np.where(column < 180, 4.0 + 0.005 * column, 9.0)
-    mixed, pole = column == 180, (column == 250) | (column == 251)
-    far[mixed], far[pole] = 6.5, 5.0
-    level = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
-    points = points_of(far[:, None] * level, column * 277_777 + ring, ring)
-    pattern = find_pattern(points)
-    assert pattern is not None
+    points, mixed = edges()
+    pattern = pattern_of(points)
     values = window_features(prepare(pattern), None)
     found = lie_between(pattern, values)
     assert found.tolist() == mixed[pattern.order[pattern.order >= 0]].tolist()
+
+
+def test_file_of_mixed_pixels_is_complete_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most are found on the sensor left out, and a clean room is left alone."""
+    monkeypatch.setattr(train_mixed, 'ROUNDS', 8)
+    mixed = [one._replace(kind='mixed') for one in sweeps()]
+    room = [one.points.take(~one.outlier) for one in mixed]
+    clean = [
+        one._replace(kind='clean', points=points, outlier=np.zeros(len(points), np.bool_))
+        for one, points in zip(mixed, room, strict=True)
+    ]
+    first, second = (train_mixed.train([*mixed, *clean], {'about': 'a test'}) for _ in range(2))
+    assert first.text == second.text
+    data = json.loads(first.text)
+    assert [data[name] for name in ('seed', 'uses')] == [1, train_mixed.USED]
+    assert data['held_out'] == first.held_out
+    assert min(first.held_out['found'].values()) > 0.7
+    assert max(first.held_out['clean_rejected'].values()) < 0.01
+    with pytest.raises(FilterError, match='sensors'):
+        train_mixed.train([one._replace(sensor='one') for one in mixed], {})
 
 
 # Clouds without scan lines ------------------------------------------------------------------------

@@ -51,9 +51,8 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.FAR}
-REASONS = {
-    number: ReasonName(name, _PATTERN[name]) for number, name in features.REASON_NAMES.items()
-}
+_EVERY = {**_PATTERN, **features.MIXED}
+REASONS = {number: ReasonName(name, _EVERY[name]) for number, name in features.REASON_NAMES.items()}
 
 
 class Method(Enum):

@@ -166,16 +166,27 @@ def judge(
         threshold * (trees.threshold - MIN_LOG_ODDS),
         threshold * (trees.threshold_bright - MIN_LOG_ODDS),
     )
+    score, rejected = scale(pattern, odds, limit, threads)
+    if reason is not None:
+        found = strongest_of_trees(prepared, first, trees, rejected, threads)
+        spread(pattern, found, reason)
+    return score
+
+
+def scale(
+    pattern: Pattern, odds: Singles, limit: tuple[float, float], threads: int = 0
+) -> tuple[Floats, Bools]:
+    """Return the scores (N,) of the points as given, and which positions (M,) are rejected.
+
+    Log-odds of ``limit`` above the least make a score of 1: without a brightness, and with one.
+    """
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
         lambda i, j: _scale(pattern, odds, limit, i, j, score, rejected),
         *(len(pattern.first), lines_at_once(len(pattern.first), len(odds)), threads),
     )
     fill_copies(pattern, score)
-    if reason is not None:
-        found = strongest_of_trees(prepared, first, trees, rejected, threads)
-        spread(pattern, found, reason)
-    return score
+    return score, rejected
 
 
 def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
@@ -189,7 +200,7 @@ def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     """Give each place its log-odds; those of positions without a point are 0."""
     score = np.zeros(len(prepared.pattern.order), np.float32)
-    _run(prepared, None, np.ones(len(score), np.bool_), trees, threads, score)
+    write_odds(prepared, None, np.ones(len(score), np.bool_), trees, threads, score)
     return count_scores(prepared.pattern, score)
 
 
@@ -198,7 +209,7 @@ def second_pass(
 ) -> Singles:
     """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
     result = first.score.copy()
-    _run(prepared, first, first.score > np.float32(doubtful), trees, threads, result)
+    write_odds(prepared, first, first.score > np.float32(doubtful), trees, threads, result)
     return result
 
 
@@ -216,11 +227,11 @@ def measure(
     count += len(SECOND_PASS) * (first is not None)
     every = np.ones(len(prepared.pattern.order), np.bool_) if asked is None else asked
     values = np.zeros((count, np.count_nonzero(every)), np.float32)
-    _run(prepared, first, every, NO_TREES, threads, np.empty(len(every), np.float32), values)
+    write_odds(prepared, first, every, NO_TREES, threads, np.empty(len(every), np.float32), values)
     return values
 
 
-def _run(
+def write_odds(
     prepared: Prepared,
     first: FirstPass | None,
     asked: Bools,
@@ -348,10 +359,7 @@ def _scale(
     score: Floats,
     rejected: Bools,
 ) -> None:
-    """Write the scores of the points of lines begin to end, as given, and which are rejected.
-
-    Log-odds of ``limit`` above the least make a score of 1: without a brightness, and with one.
-    """
+    """Write what :func:`scale` returns of the points of lines begin to end."""
     order, bright = pattern.order, pattern.bright
     dark_limit, bright_limit = limit
     for line in range(begin, end):

@@ -23,6 +23,7 @@ PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
 FREE_MODEL = 'free_model.json'  # of scanners without rings
 PROFILE_MODEL = 'profile_model.json'
 SURVEY_MODEL = 'survey_model.json'  # of the nearest neighbours
+MIXED_MODEL = 'mixed_model.json'  # of mixed pixels: one ensemble
 # The features of both passes.
 NAMES = {
     PATTERN_MODEL: ((*features.WINDOW,), (*features.WINDOW, *features.SECOND_PASS)),
