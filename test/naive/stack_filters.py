@@ -90,21 +90,21 @@ def ring_outlier(line: Line, ratio: float, length: float, points: int, sense: fl
     return {i for walk in short for i in walk}
 
 
-def dual_return(line: Line, is_weak_first: Sequence[bool], ratio: float, sense: float) -> set[int]:
-    """``DualReturnOutlierFilterComponent`` of autoware.universe 67954706, on weak first returns.
+def dual_return(shots: Sequence[Sequence[Point]], ratio: float, sense: float) -> set[int]:
+    """Remove early returns, to which no return of the shots beside is near, after Autoware's idea.
 
-    The ring is closed, and its first and last points are judged, too.
+    The returns of a shot ascend; they are numbered through. The ring is closed.
     """
-    weak = [i for i in range(len(line)) if is_weak_first[i]]
-    removed = set()
-    keep_next = len(weak) > 1 and is_same_walk(line[weak[-1]], line[weak[0]], ratio, sense)
-    for here, following in zip(weak, weak[1:] + weak[:1], strict=True):
-        if here != following and is_same_walk(line[here], line[following], ratio, sense):
-            keep_next = True
-        elif keep_next:
-            keep_next = False
-        else:
-            removed.add(here)
+    removed, number = set(), 0
+    for i, shot in enumerate(shots):
+        before, after = shots[i - 1], shots[(i + 1) % len(shots)]
+        for point in shot:
+            kept = point is shot[-1]
+            kept |= any(is_same_walk(one, point, ratio, sense) for one in before)
+            kept |= any(is_same_walk(point, one, ratio, sense) for one in after)
+            if not kept:
+                removed.add(number)
+            number += 1
     return removed
 
 

@@ -271,11 +271,11 @@ class RingOutlier(Section):
 
 @dataclass(frozen=True)
 class DualReturn(Section):
-    """Early returns of a shot that stand alone, as in Autoware."""
+    """Early returns of a shot that stand alone, after Autoware."""
 
     distance_ratio: float = declare(
         1.03,
-        'An early return is kept if its range and that of the one beside it have a smaller ratio.',
+        'An early return is kept if its range and one of a shot beside it have a smaller ratio.',
         '',
         1.0,
         1e3,
@@ -416,8 +416,8 @@ _EVERY = (
         score=f'{__package__}.dual_return:score',
         lines='needs',
         large='files',
-        rejects='has another return of its shot behind it, and no such return beside it at about '
-        'its range (Autoware)',
+        rejects='has another return of its shot behind it, and no return of the shots beside it at '
+        'about its range (after Autoware)',
     ),
     Detector(
         name='crop_box',

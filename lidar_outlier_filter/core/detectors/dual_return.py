@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Early returns that stand alone: the rule of Autoware's dual_return_outlier_filter.
+"""Early returns that stand alone, after the idea of Autoware's dual_return_outlier_filter.
 
 A shot through rain, snow, dust or exhaust often has two returns: of a particle, and of the surface
-behind it. At the edge of an object it has two, too, but then its neighbours hit the object as well.
-Points do not carry the number of their return: returns in the same direction are of one shot.
+behind it. At the edge of an object it has two, too, but then a shot beside it hits the object.
+Autoware compares weak first returns with each other only, so that it loses most such edges. Points
+do not carry the number of their return: returns in the same direction are of one shot.
 """
 
 import numpy as np
@@ -17,6 +18,8 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import SAME_SHOT
 from lidar_outlier_filter.parameters.filter import FilterParameters
+
+STEPS = 5  # between any returns of two shots beside each other, of up to three returns
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -37,8 +40,8 @@ def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
     Returns
     -------
     (N,) float64
-        The smaller ratio of ranges to the early return before and to that behind, within one
-        degree of azimuth, ÷ ``distance_ratio``; inf if there is neither. 0 for last returns.
+        The smallest ratio of ranges to any return of the shots before and after it, within one
+        degree of azimuth, ÷ ``distance_ratio``; inf if there is none. 0 for last returns.
 
     References
     ----------
@@ -63,16 +66,18 @@ def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
     xyz, reach = points.in_own_frame.xyz, points.range
     begins = np.append(True, ~_are_of_one_shot(xyz, reach))
     begins[first[:-1]] = True
-    farthest = np.maximum.reduceat(reach, np.flatnonzero(begins))
-    early = np.flatnonzero(reach < farthest[np.cumsum(begins) - 1])
-    after = following(np.searchsorted(early, first))
-    ratio = jumps(reach[early], after)
-    ratio[~are_near(xyz[early], after) | (after == np.arange(len(early)))] = np.inf
-    before = np.empty_like(ratio)
-    before[after] = ratio
-    result = np.zeros(len(points))
-    result[early] = np.minimum(ratio, before) / parameters.distance_ratio
-    return result
+    starts, shot = np.flatnonzero(begins), np.cumsum(begins) - 1
+    next_shot = following(np.searchsorted(starts, first))
+    smallest = np.full(len(points), np.inf)
+    after = other = following(first)
+    for _ in range(STEPS):
+        beside = (shot[other] == next_shot[shot]) & (shot[other] != shot) & are_near(xyz, other)
+        ratio = np.where(beside, jumps(reach, other), np.inf)
+        smallest = np.minimum(smallest, ratio)
+        smallest[other] = np.minimum(smallest[other], ratio)
+        other = after[other]
+    is_last = reach >= np.maximum.reduceat(reach, starts)[shot]
+    return np.where(is_last, 0.0, smallest / parameters.distance_ratio)
 
 
 def _are_of_one_shot(xyz: Floats, reach: Floats) -> Bools:

@@ -158,7 +158,7 @@ def test_a_walk_by_hand() -> None:
 
 @pytest.mark.parametrize('seed', range(4))
 def test_early_returns(seed: int) -> None:
-    """The same points as Autoware's, where shots have one, two or three returns."""
+    """The same points as by loops, where shots have one, two or three returns."""
     rng = np.random.default_rng(seed)
     ranges, hit = objects(rng, 1800), rng.uniform(size=1800) < 0.3
     near = np.where(rng.uniform(size=1800) < 0.7, 2.0, rng.uniform(1, 2, 1800))
@@ -167,14 +167,22 @@ def test_early_returns(seed: int) -> None:
         for r, h, n in zip(ranges, hit, near, strict=True)
     ]
     count = np.array([len(shot) for shot in shots])
-    is_weak = np.concatenate([np.arange(n) < n - 1 for n in count])
     flat = np.concatenate([np.array(shot) for shot in shots])
     beam = ring(np.ones(1800))[np.repeat(np.arange(1800), count)]
     xyz = (beam * flat[:, None]).astype(np.float32).astype(np.float64)
     found = dual_return.detect(points_of(xyz), np.array([0, len(xyz)]), DualReturn(1.03))
-    expected = naive.dual_return(xyz.tolist(), is_weak.tolist(), 1.03, 1.0)
+    parts = [part.tolist() for part in np.split(xyz, np.cumsum(count)[:-1])]
+    expected = naive.dual_return(parts, 1.03, 1.0)
     assert set(np.flatnonzero(found > 1).tolist()) == expected
-    assert 50 < len(expected) < is_weak.sum() - 50
+    assert 50 < len(expected) < len(xyz) - 1800 - 50
+
+
+def test_edges_are_kept() -> None:
+    """The beam at an edge hits object and background; a drop in front of a wall is alone."""
+    near, far = ring(np.full(9, 5.0)), ring(np.full(9, 20.0))
+    xyz = np.concatenate([near[:5], far[4:6], 0.2 * far[6:7], far[6:]])
+    score = dual_return.detect(points_of(xyz), np.array([0, len(xyz)]), DualReturn())
+    assert np.flatnonzero(score > 1).tolist() == [7]
 
 
 def test_copies_are_no_early_returns() -> None:
