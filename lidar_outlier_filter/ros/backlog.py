@@ -14,7 +14,7 @@ from lidar_outlier_filter.parameters.node import LoadParameters
 Command = Callable[[], object]
 
 BUSY = 0.5  # pressure from which on there is too much; until nothing waits any more
-FULL = 0.75  # pressure at which even the smoother alone is too slow
+FULL = 0.75  # pressure at which even detectors along scan lines are too slow
 MIN_LEAD, MAX_LEAD = 0.1, 0.5  # share of max_delay that is kept for the verdict
 FORGET = 0.95  # of the longest time that a cloud took, from one cloud to the next
 
@@ -157,7 +157,7 @@ class Treatment(Enum):
     """What is done with a cloud."""
 
     FILTER = 'filtered'
-    DEGRADE = 'filtered by alpha_beta_gamma alone'
+    DEGRADE = 'filtered along scan lines only'
     PASS = 'passed unfiltered'  # noqa: S105  no password
     DROP = 'dropped'
 

@@ -89,7 +89,7 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     channel.worker._overload.treatment = Treatment.DEGRADE
     message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
-    assert 'overload: clouds are filtered by alpha_beta_gamma alone' in message
+    assert 'overload: clouds are filtered along scan lines only' in message
 
 
 @pytest.mark.parametrize(
