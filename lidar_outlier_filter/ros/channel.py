@@ -23,6 +23,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.compressed import FORMATS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
+from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
 from lidar_outlier_filter.ros.compiler import Compiler
@@ -160,6 +161,9 @@ class Channel:
         name = self.publisher.cleaned.topic_name
         if (count := self._node.count_publishers(name)) > 1:
             remarks.append(f'{count} publishers on {name}: another node has the same outputs')
+        own = CLOUD if self._type is PointCloud2 else COMPRESSED  # others are never connected
+        found = {one.topic_type for one in self._node.get_publishers_info_by_topic(self.resolved)}
+        remarks += [f'{other} is published, {own} is received' for other in sorted(found - {own})]
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set but /clock is not published')
         return remarks

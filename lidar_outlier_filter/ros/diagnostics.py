@@ -46,10 +46,7 @@ class Diagnostics:
         reports = [channel.sample(seconds) for channel in self._channels]
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
-        array.status = [
-            self._say(channel, report)
-            for channel, report in zip(self._channels, reports, strict=True)
-        ]
+        array.status = [*map(self._say, self._channels, reports)]
         self._status.publish(array)
         self._node.statuses = array.status
         self._plotted.publish(
@@ -74,11 +71,9 @@ class Diagnostics:
     def _table(self, names: Sequence[str], rows: Sequence[Sequence[float]]) -> Float64MultiArray:
         """Make a table: a row for each topic, a column for each value."""
         topics = [channel.topic for channel in self._channels]
-        sizes = (len(topics) * len(names), len(names))
-        labels = (','.join(topics), ','.join(names))
         dimensions = [
-            MultiArrayDimension(label=label, size=label.count(',') + 1, stride=stride)
-            for label, stride in zip(labels, sizes, strict=True)
+            MultiArrayDimension(label=','.join(labels), size=len(labels), stride=stride)
+            for labels, stride in ((topics, len(topics) * len(names)), (names, len(names)))
         ]
         data = [value for row in rows for value in row]
         return Float64MultiArray(layout=MultiArrayLayout(dim=dimensions), data=data)

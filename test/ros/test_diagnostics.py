@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.clouds import SECOND
 from helpers.nodes import (
@@ -22,6 +23,7 @@ from helpers.nodes import (
     wait_for_thread,
 )
 from helpers.programs import TIMEOUT
+from rclpy.context import Context
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
@@ -118,6 +120,17 @@ def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert ros.diagnosis(lambda found: not is_disabled(found)).level == OK
 
 
+def test_messages_of_another_type_are_named(ros: Ros) -> None:
+    """The middleware connects no publisher of another type, and does not say so."""
+    ros.filter('-p', 'chain:=[crop_box]').start()
+    context = Context()  # in the same one Fast DDS refuses a second type
+    rclpy.init(args=[], context=context, domain_id=ros.context.get_domain_id())
+    other = rclpy.create_node('other', context=context)
+    other.create_publisher(DiagnosticArray, '/points', 1)
+    ros.diagnosis(lambda found: 'Array is published, sensor_msgs/msg/PointC' in found.message)
+    context.try_shutdown()
+
+
 def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Neither of the clouds is made without a subscriber; all points are judged."""
     node = ros.filter('-p', 'scores:=true')
@@ -159,11 +172,7 @@ def test_what_a_sensor_sees(ros: Ros, sweeps: list[PointCloud2]) -> None:
     sensor.wait_for_filter(node)
     sensor.publish(sweeps[0], expected=1)
     topic = '/outlier_filter_node/visibility'
-
-    def has_seen(table: Float64MultiArray) -> bool:
-        return bool(np.isfinite(table.data).any())
-
-    table = ros.wait_for_message(Float64MultiArray, topic, has_seen)
+    table = ros.wait_for_message(Float64MultiArray, topic, lambda one: np.isfinite(one.data).any())
     rows, columns = table.layout.dim
     assert (rows.label, rows.size, columns.size) == ('points', 1, len(VIEWED))
     values = dict(zip(columns.label.split(','), table.data, strict=True))
