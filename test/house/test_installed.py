@@ -52,7 +52,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.report.page import colour
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
-BIT = 2048
+BIT = 4096
 LIMIT = 0.3  # metres
 CHAIN = ('--chain', 'isolated', '--set', f'isolated.limit={LIMIT}')
 BROKEN = (
@@ -288,8 +288,8 @@ def test_bits_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     assert bits(result) == {**BITS, 'good': BIT}
     assert set(result.refused) == {*(one.name for one in wrong), 'late'}
     assert str(result.refused['other64']) == (
-        'the bit of the detector other64 of a distribution without a name must be one of 4096, '
-        '8192, got 64'
+        'the bit of the detector other64 of a distribution without a name must be one of 8192, '
+        'got 64'
     )
 
 
@@ -311,8 +311,8 @@ def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str
         replace(declared('x'), name=5),
         replace(declared('x'), name='a b'),
         replace(declared('x'), bit=True),
-        replace(declared('x'), bit='2048'),
-        replace(declared('x'), bit=2048.0),
+        replace(declared('x'), bit='4096'),
+        replace(declared('x'), bit=4096.0),
         declared('x', section=5),
         declared('x', section=Section),
         declared('x', section=NotFrozen),

@@ -38,7 +38,7 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 
 DETECTOR = Detector(
     name='isolated',
-    bit=2048,
+    bit=4096,
     section=Isolated,
     score=score,
     neighbours=lambda _: 1,
