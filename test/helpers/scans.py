@@ -59,14 +59,14 @@ def sweep(  # noqa: PLR0913
 
 
 def edges() -> tuple[Points, Bools]:
-    """Return a near wall, a far one with a pole before it, and which points between are mixed."""
+    """Return a near wall, a far one and a pole, and the mixed points of every second ring."""
     columns, rings = 360, 8
     shot = np.arange(columns * rings)
     ring, column = shot % rings, shot // rings
     azimuth = -2 * np.pi * column / columns
     up = np.radians(np.linspace(-14.0, 14.0, rings))[ring]
     far = np.where(column < 180, 4.0 + 0.005 * column, 9.0)
-    mixed, pole = column == 180, (column == 250) | (column == 251)
+    mixed, pole = (column == 180) & (ring % 2 > 0), (column == 250) | (column == 251)
     far[mixed], far[pole] = 6.5, 5.0
     level = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
     return points_of(far[:, None] * level, column * 277_777 + ring, ring), mixed
