@@ -46,7 +46,7 @@ class Diagnostics:
         reports = [channel.sample(seconds) for channel in self._channels]
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
-        array.status = [*map(self._say, self._channels, reports)]
+        array.status = [self._say(*both) for both in zip(self._channels, reports, strict=True)]
         self._status.publish(array)
         self._node.statuses = array.status
         self._plotted.publish(
