@@ -140,11 +140,11 @@ def recorded_sweeps(
             points, outlier = put_weather(cloud, weather, chances, returns)
             sweeps.append(Sweep(name, sensor, weather, points, outlier))
     for law in () if sensor in DOMES else laws:
-        sweeps += sweeps_of_law(law, sensor, clouds, seed)
+        sweeps += _sweeps_of_law(law, sensor, clouds, seed)
     return sweeps
 
 
-def sweeps_of_law(law: str, sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
+def _sweeps_of_law(law: str, sensor: str, clouds: Sequence[Points], seed: int) -> list[Sweep]:
     """Put the weather of another law into some; what is too thin or too dense is drawn again."""
     sweeps = []
     for turn, (k, weather) in enumerate(itertools.product(range(OF_LAW), MAX_SHARE)):

@@ -61,10 +61,9 @@ def read_more_sweeps(folder: Path) -> list[tuple[str, Sequence[Points]]]:
             if (got := sha256(path.read_bytes()).hexdigest()) != row['sha256']:
                 raise RecordingError(f'the SHA-256 of {path}', row['sha256'], got)
             *xyz, intensity, ring, t = _columns(path, ['x', 'y', 'z', 'intensity', 'ring', 't'])
-            known = None if np.isnan(intensity).any() else intensity
             place, valid = np.stack(xyz, axis=1).astype(np.float64), np.ones(len(t), np.bool_)
             rings, times = ring.astype(np.int64), t.astype(np.int64)
-            points = Points(place, times, rings, valid, intensity=known)
+            points = Points(place, times, rings, valid, intensity=intensity)
             found.setdefault(row['sensor'], []).append(points)
     return [*found.items()]
 

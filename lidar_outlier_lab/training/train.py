@@ -140,8 +140,8 @@ def train(
     seen = [one for number, sweep in enumerate(sweeps) for one in _observe(sweep, number, recipe)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    threshold_bright, judged = _held_out(seen[::2], results[::2], recipe)
-    threshold, dark = _held_out(seen[1::2], results[1::2], recipe)
+    judged, threshold_bright = _held_out(seen[::2], results[::2], recipe)
+    dark, threshold = _held_out(seen[1::2], results[1::2], recipe)
     held_out = figures(judged, threshold_bright)
     held_out['without_intensity'] = figures(dark, threshold)
     data = {
@@ -151,7 +151,7 @@ def train(
         'uses': _used(_names(again=True)),
         'sweeps': [one.name for one in sweeps if one.trains and one.kind not in recipe.unseen],
         'held_out': held_out,
-        'held_out_one_pass': figures(*_held_out(seen[::2], odds[::2], recipe)[::-1]),
+        'held_out_one_pass': figures(*_held_out(seen[::2], odds[::2], recipe)),
         'doubtful': DOUBTFUL,
         'threshold': threshold,
         'threshold_bright': threshold_bright,
@@ -197,14 +197,14 @@ def _pass(
 
 def _held_out(
     seen: Sequence[_Seen], odds: Sequence[Singles], recipe: Recipe
-) -> tuple[float, list[HeldOut]]:
+) -> tuple[list[HeldOut], float]:
     """Judge all sweeps at every threshold, and choose one on the sensors left out."""
     held = [
         judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]
-    return choose_threshold([one for one in held if one.kind not in recipe.unseen]), held
+    return held, choose_threshold([one for one in held if one.kind not in recipe.unseen])
 
 
 def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
