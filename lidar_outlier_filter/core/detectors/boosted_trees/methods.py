@@ -76,6 +76,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     threads : maximum number of threads; 0: all cores
 
     """
+    if sensor == 'free':
+        return _find_in_bands(points, threads)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
     # the two fits. The own frame of points that may have been moved is sought after both, as it
     # takes long.
@@ -83,9 +85,8 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     # Azimuths are known in the sensor's own frame only.
     turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
     order = order_by_line(turned)
-    if sensor == 'free' or (sensor == 'auto' and draws_curves(turned, order)):
-        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-        return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
+    if sensor == 'auto' and draws_curves(turned, order):
+        return _find_in_bands(points, threads)
     if sensor != 'profile':
         pattern = find_pattern(turned, threads, order, spins=spins)
         if pattern is not None:
@@ -103,6 +104,11 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     if pattern is None:
         pattern = _find_in_rows(turned, order, spins, threads)
     return None if pattern is None else FoundPattern(pattern, PATTERN_MODEL)
+
+
+def _find_in_bands(points: Points, threads: int) -> FoundPattern | None:
+    pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
+    return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
 
 
 def _find_in_rows(points: Points, order: Ints, spins: bool, threads: int) -> Pattern | None:
