@@ -15,7 +15,6 @@ say together into ``doc/accuracy.md``.
 # ruff: noqa: INP001, T201  a script, which prints
 
 import argparse
-import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -57,13 +56,13 @@ def left_out(sweeps: Sequence[Sweep], law: str) -> Cells:
     judged = {one.kind for one in sweeps if law_of(one.kind) == law}
     unseen = {one.kind for one in sweeps if law_of(one.kind) not in {'', OWN, *TRAINED} - {law}}
     trained = train(sweeps, {}, Recipe(SEED, folds=FOLDS, unseen=unseen))
-    at = int(np.argmin(np.abs(LIMITS - json.loads(trained.text)['threshold_bright'])))
+    at = int(np.argmin(np.abs(LIMITS - trained.threshold)))
     cells: dict[tuple[str, str], list[Floats]] = {}
     for sweep, found in zip((s for s in sweeps if s.judged), trained.judged, strict=True):
         if sweep.kind in judged and found.outliers >= MIN_OUTLIERS:
             apart = distances(sweep.points.xyz, 3)[:, 2] / sweep.points.range
             rule = curve(sweep.outlier, apart).best
-            f1 = found.f1[at], found.f1.max(), rule
+            f1 = found.f1[at], found.best, rule
             cells.setdefault((sweep.sensor, sweep.kind.rpartition(' ')[2]), []).append(np.array(f1))
     print(law, f'{time.monotonic() - begin:.0f} s', flush=True)
     return {cell: np.mean(some, axis=0) for cell, some in cells.items()}

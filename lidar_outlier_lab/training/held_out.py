@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
+from lidar_outlier_filter.core.annotations import Bools, Floats, Reals, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import find_valleys
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
 LIMITS = np.arange(-50, 251) / 50.0  # log-odds tried as thresholds
 # Share of clean sweeps that may be rejected, mean over the sensors but the worst.
-MAX_CLEAN_SHARE = 0.0015
+MAX_CLEAN_SHARE = 0.00125
 MIN_OUTLIERS = 100  # outliers of a sweep from which on it is judged
 NO_WEATHER = (CLEAN, STREET, 'mixed', 'ghosts')  # kinds that do not choose
 DIGITS = 4
@@ -28,6 +29,7 @@ class HeldOut(NamedTuple):
     lost : (T,) float64
         Share of the good points that are rejected.
     outliers : how many there are
+    best : the greatest F1 of thresholds that no valley lowers
 
     """
 
@@ -36,17 +38,22 @@ class HeldOut(NamedTuple):
     f1: Floats
     lost: Floats
     outliers: int
+    best: float
 
 
 def judge_at_all(
-    sensor: str, kind: str, outlier: Bools, score: Reals, limits: Floats = LIMITS
+    sensor: str, kind: str, outlier: Bools, score: Singles, drop: float = 0.0
 ) -> HeldOut:
-    """Count what every threshold rejects: points whose score, as log-odds, is greater."""
+    """Count what every threshold rejects: points whose log-odds exceed it, or its valley."""
     bad, good = np.sort(score[outlier]), np.sort(score[~outlier])
-    found = len(bad) - np.searchsorted(bad, limits, 'right')
-    lost = len(good) - np.searchsorted(good, limits, 'right')
-    f1 = 2.0 * found / np.maximum(found + lost + len(bad), 1)
-    return HeldOut(sensor, kind, f1, lost / max(len(good), 1), len(bad))
+
+    def count(limits: Floats) -> tuple[Floats, Floats]:
+        found = len(bad) - np.searchsorted(bad, limits, 'right')
+        lost = len(good) - np.searchsorted(good, limits, 'right')
+        return 2.0 * found / np.maximum(found + lost + len(bad), 1), lost / max(len(good), 1)
+
+    best = float(count(LIMITS)[0].max())
+    return HeldOut(sensor, kind, *count(find_valleys(score, LIMITS, drop)), len(bad), best)
 
 
 def choose_threshold(sweeps: Sequence[HeldOut], most: float = MAX_CLEAN_SHARE) -> float:
@@ -79,7 +86,7 @@ def figures(sweeps: Sequence[HeldOut], threshold: float) -> dict[str, Any]:
     at = int(np.argmin(np.abs(LIMITS - threshold)))
     weather = [s for s in sweeps if s.kind not in {CLEAN, STREET}]
     f1, lost = _weather(weather, lambda s: s.f1), _weather(weather, lambda s: s.lost)
-    best = _weather(weather, lambda s: np.array([s.f1.max()]))
+    best = _weather(weather, lambda s: np.array([s.best]))
     clean = _by_group([s for s in sweeps if s.kind == CLEAN], lambda s: s.sensor, lambda s: s.lost)
     streets = [s for s in sweeps if s.kind == STREET]
     street = _by_group(streets, lambda s: s.sensor, lambda s: s.f1)

@@ -15,7 +15,7 @@ second ensemble learns from, are of ensembles that did; and the thresholds are c
 that the figures are of. Both can make the figures better than those of a sensor of one's own.
 
 Every second sweep trains without its intensities, so that trees can do without. All are judged both
-ways, and there is a threshold for either.
+ways, and one threshold is chosen for both.
 """
 
 import json
@@ -53,6 +53,7 @@ UNUSED = ('share',)
 ROUNDS = (100, 120)  # trees of both ensembles
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 DOUBTFUL = -1.0  # first log-odds above which the second ensemble judges a point
+DROP = 2.0  # log-odds by which a block's valley may lower the threshold
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
 MIN_OUTLIERS = 500  # outliers of a sweep from which on all sweeps count the same
@@ -140,10 +141,10 @@ def train(
     seen = [one for number, sweep in enumerate(sweeps) for one in _observe(sweep, number, recipe)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    judged, threshold_bright = _held_out(seen[::2], results[::2], recipe)
-    dark, threshold = _held_out(seen[1::2], results[1::2], recipe)
-    held_out = figures(judged, threshold_bright)
+    judged, dark, threshold = _held_out(seen, results, recipe)
+    held_out = figures(judged, threshold)
     held_out['without_intensity'] = figures(dark, threshold)
+    before, _, first_threshold = _held_out(seen, odds, recipe)
     data = {
         'version': VERSION,
         **about,
@@ -151,10 +152,10 @@ def train(
         'uses': _used(_names(again=True)),
         'sweeps': [one.name for one in sweeps if one.trains and one.kind not in recipe.unseen],
         'held_out': held_out,
-        'held_out_one_pass': figures(*_held_out(seen[::2], odds[::2], recipe)),
+        'held_out_one_pass': figures(before, first_threshold),
         'doubtful': DOUBTFUL,
         'threshold': threshold,
-        'threshold_bright': threshold_bright,
+        'drop': DROP,
         'first': first,
         'again': again,
     }
@@ -197,14 +198,18 @@ def _pass(
 
 def _held_out(
     seen: Sequence[_Seen], odds: Sequence[Singles], recipe: Recipe
-) -> tuple[list[HeldOut], float]:
-    """Judge all sweeps at every threshold, and choose one on the sensors left out."""
+) -> tuple[list[HeldOut], list[HeldOut], float]:
+    """Judge all sweeps at every threshold, with intensities and without, and choose one for both.
+
+    Each sensor was left out.
+    """
     held = [
-        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result, DROP)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]
-    return held, choose_threshold([one for one in held if one.kind not in recipe.unseen])
+    some = [one for one in held if one.kind not in recipe.unseen]
+    return held[::2], held[1::2], choose_threshold(some)
 
 
 def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:

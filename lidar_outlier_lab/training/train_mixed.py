@@ -36,7 +36,7 @@ from lidar_outlier_lab.training.learner import Drawn, Trained, judge_pass, learn
 from lidar_outlier_lab.training.train import Sweep, lie_between
 
 MIXED = 'mixed'  # the kind of sweeps
-USED = [name for name in WINDOW if name != 'bright']  # one threshold, with intensities or without
+USED = [name for name in WINDOW if name not in {'bright', 'rank'}]  # with intensities or without
 ROUNDS, FOLDS = 100, 3  # trees, and parts of the sensors
 BAD, GOOD = 800, {MIXED: 1500, CLEAN: 3000, STREET: 1500}  # points of a sweep that are drawn
 GOOD_COUNTS = {MIXED: 2.0, CLEAN: 5.0, STREET: 1.0}  # how much they count

@@ -155,6 +155,17 @@ def brightness(cells: list[tuple[float, float] | None]) -> list[float]:
     ]
 
 
+def ranks(cells: list[tuple[float, float] | None]) -> list[float]:
+    """Return the rank of intensity × range² in 64 steps; -1 for what is not known."""
+    power = [None if one is None or not one[1] >= 0 else one[1] * one[0] ** 2 for one in cells]
+    some = sorted(value for value in power[::4] if value is not None)
+    limits = [some[k * len(some) // 64] for k in range(1, 64)] if len(some) >= 30 else []
+    return [
+        -1.0 if value is None or not limits else sum(limit < value for limit in limits) / 64
+        for value in power
+    ]
+
+
 def tree(feature: list[int], limit: list[float], value: list[float], point: list[float]) -> float:
     """Return what a tree of three questions says of a point."""
     node = 0
@@ -177,3 +188,11 @@ def additions(
         added[feature[node]] = added.get(feature[node], 0.0) + change
         node, possible = 2 * node + (2 if right else 1), left
     return added
+
+
+def valley(log_odds: list[float], threshold: float, drop: float) -> float:
+    """Return the tried log-odds that the fewest points are near; the threshold if few exceed it."""
+    if sum(value > threshold for value in log_odds) < max(0.005 * len(log_odds), 50):
+        return threshold
+    tried = [threshold - 0.1 * k for k in range(round(drop / 0.1) + 1)]
+    return min(tried, key=lambda at: sum(at - 0.5 <= value < at + 0.5 for value in log_odds))

@@ -163,8 +163,9 @@ class Pattern(NamedTuple):
         Metres, about a point near them.
     phase : (M,) float64
         Rad turned, never falling along a ring. Of a spinning sensor their differences are exact.
-    bright : (M,) float32
-        Intensity ÷ what is usual at the range; -1 where it is not known.
+    bright : (2, M) float32
+        Intensity ÷ what is usual at the range, and the share of points with less intensity ×
+        range²; -1 where it is not known.
     step, gap : (L,) float32
         Angle between shots of the ring, and to the nearer ring beside it, rad.
     turn : (L,) float32
@@ -238,7 +239,7 @@ def make_pattern(sizes: Ints, copies: Ints | None = None, **of_lines: Singles) -
         z=np.zeros(count, np.float32),
         range=np.ones(count, np.float32),
         phase=np.full(count, NOWHERE),
-        bright=np.full(count, UNKNOWN, np.float32),
+        bright=np.full((2, count), UNKNOWN, np.float32),
         **of_lines,
     )
 

@@ -29,16 +29,18 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 )
 
 # Brightness is intensity ÷ the median of the same points at about the same range, because makers
-# give intensities in units of their own, with or without the range taken out.
+# give intensities in units of their own, with or without the range taken out. Particles return less
+# than surfaces: the rank of intensity × range² shows it in any unit.
 # Metres. Two to an octave, which single precision holds exactly.
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
 SAMPLED_EVERY = 4  # the part of the cells that shows what is usual
 MIN_CELLS = 30  # of them between two edges; fewer show nothing
 BRIGHTEST = np.float32(8.0)
+RANKS = 64
 
 
 def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0) -> Singles:
-    """Return the brightness (M,) of each cell; ``UNKNOWN`` without a usual intensity.
+    """Return the brightness (2, M) of each cell, see :class:`~.placed_pattern.Pattern`.
 
     Parameters
     ----------
@@ -48,24 +50,30 @@ def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0
     threads : maximum number of threads; 0: all cores
 
     """
-    bright, usual = np.empty(len(order), np.float32), _usual(order, reach, intensity)
+    bright = np.empty((2, len(order)), np.float32)
+    usual, limits = _usual(order, reach, intensity)
     pool.run(
-        lambda i, j: _compare(order, reach, intensity, usual, i, j, bright),
+        lambda i, j: _compare(order, reach, intensity, usual, limits, i, j, bright),
         *(len(order), AT_ONCE, threads),
     )
     return bright
 
 
 @kernel
-def _usual(order: Ints, reach: Singles, intensity: Singles) -> Singles:
-    """Return the median intensity from each edge to the next; 0 where too few cells show it."""
+def _usual(order: Ints, reach: Singles, intensity: Singles) -> tuple[Singles, Floats]:
+    """Return the median intensity from each edge to the next; 0 where too few cells show it.
+
+    And where the ranks of intensity × range² begin; nothing where too few cells show it.
+    """
     usual = np.zeros(len(EDGES) + 1, np.float32)
     value = np.empty(len(order) // SAMPLED_EVERY + 1)
+    power = np.empty(len(value))
     between, some, shown = np.empty(len(value), np.int64), np.empty(len(value) + 1), 0
     for k in range(0, len(order), SAMPLED_EVERY):
         i = order[k]
         if i >= 0 and intensity[i] >= 0:
             value[shown], between[shown] = intensity[i], np.searchsorted(EDGES, reach[k])
+            power[shown] = value[shown] * np.float64(reach[k]) ** 2
             shown += 1
     for b in range(len(usual)):
         count = 0
@@ -74,7 +82,8 @@ def _usual(order: Ints, reach: Singles, intensity: Singles) -> Singles:
             count += between[m] == b
         if count >= MIN_CELLS:
             usual[b] = median(some, count)
-    return usual
+    begins = np.arange(1, RANKS if shown >= MIN_CELLS else 1) * shown // RANKS
+    return usual, np.sort(power[:shown])[begins]
 
 
 @kernel
@@ -83,11 +92,12 @@ def _compare(
     reach: Singles,
     intensity: Singles,
     usual: Singles,
+    limits: Floats,
     begin: int,
     end: int,
     bright: Singles,
 ) -> None:
-    """Divide intensities by what is usual."""
+    """Divide intensities by what is usual, and rank them without the range."""
     b = 0
     for k in range(begin, end):
         i = order[k]
@@ -96,8 +106,13 @@ def _compare(
             b += 1
         while b > 0 and not EDGES[b - 1] < reach[k]:
             b -= 1
-        known = i >= 0 and usual[b] > 0 and intensity[i] >= 0
-        bright[k] = min(intensity[i] / usual[b], BRIGHTEST) if known else UNKNOWN
+        known = i >= 0 and intensity[i] >= 0
+        bright[0, k] = bright[1, k] = UNKNOWN
+        if known and usual[b] > 0:
+            bright[0, k] = min(intensity[i] / usual[b], BRIGHTEST)
+        if known and len(limits) > 0:
+            power = np.float64(intensity[i]) * np.float64(reach[k]) ** 2
+            bright[1, k] = np.searchsorted(limits, power) / RANKS
 
 
 TURN = 2.0 * np.pi

@@ -31,15 +31,16 @@ def test_as_loops(count: int) -> None:
         None if i < 0 else (float(r), float(intensity[i]))
         for i, r in zip(order.tolist(), reach, strict=True)
     ]
-    assert bright.tolist() == pytest.approx(naive.brightness(cells))
+    assert bright[0].tolist() == pytest.approx(naive.brightness(cells))
+    assert bright[1].tolist() == naive.ranks(cells)
 
 
 def test_thirty_cells_are_enough() -> None:
     """Of 30 cells at about one range the median is known, of 29 it is not."""
-    for count, expected in ((30, 1.0), (29, -1.0)):
+    for count, expected, rank in ((30, 1.0, 0.0), (29, -1.0, -1.0)):
         reach, intensity = np.full((2, 4 * count), [[2], [7]], np.float32)
         bright = brightness(np.arange(4 * count), reach, intensity)
-        assert set(bright.tolist()) == {expected}
+        assert [{*row} for row in bright.tolist()] == [{expected}, {rank}]
 
 
 def with_intensity(points: Points, scale: float = 1.0) -> Points:
@@ -49,14 +50,16 @@ def with_intensity(points: Points, scale: float = 1.0) -> Points:
 
 
 def test_unit_and_order_do_not_matter() -> None:
-    """It is a ratio; nothing else of a pattern depends on it."""
+    """They are ratios and ranks; nothing else of a pattern depends on intensities."""
     points = sweep(1, 0.2, columns=300)
-    row = [*WINDOW].index('bright')
+    rows = [[*WINDOW].index(name) for name in ('bright', 'rank')]
     plain = measured(pattern_of(points))
-    assert {*plain[row, pattern_of(points).order >= 0].tolist()} == {-1.0}
+    assert {*plain[rows][:, pattern_of(points).order >= 0].ravel().tolist()} == {-1.0}
     once = measured(pattern_of(with_intensity(points)))
-    assert np.array_equal(np.delete(once, row, axis=0), np.delete(plain, row, axis=0))
-    assert np.median(once[row, once[row] > 0]) == pytest.approx(1.0, abs=0.1)
+    assert np.array_equal(np.delete(once, rows, axis=0), np.delete(plain, rows, axis=0))
+    bright, rank = once[rows]
+    assert np.median(bright[bright > 0]) == pytest.approx(1.0, abs=0.1)
+    assert np.quantile(rank[rank > 0], [0.25, 0.75]) == pytest.approx([0.25, 0.75], abs=0.05)
     assert np.array_equal(measured(pattern_of(with_intensity(points, 64.0))), once)
     mixed = points.take(np.random.default_rng(1).permutation(len(points)))
     assert np.array_equal(measured(pattern_of(with_intensity(mixed))), once)

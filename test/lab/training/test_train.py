@@ -109,7 +109,7 @@ def test_weather_that_is_left_out_is_judged_only() -> None:
     extra = some[0]._replace(name='more', kind='rain', outlier=~some[0].outlier)
     recipe = Recipe(1, FEW, unseen=('rain',))
     alone, more = (json.loads(train(s, {}, recipe).text) for s in (some, [*some, extra]))
-    for name in ('first', 'again', 'sweeps', 'threshold', 'threshold_bright'):
+    for name in ('first', 'again', 'sweeps', 'threshold', 'drop'):
         assert alone[name] == more[name]
     assert {*more['held_out']['weather']} == {'dust', 'rain'}
     known = json.loads(train([*some, extra], {}, Recipe(1, FEW)).text)

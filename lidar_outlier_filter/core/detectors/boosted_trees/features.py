@@ -38,6 +38,7 @@ WINDOW = {
     'sparse': 'share of the beams around it that hit within 6 beam spacings',
     'bright': 'intensity ÷ usual intensity at its range; -1: unknown',
     'uneven': 'how unevenly the scan lines beside it are spaced',
+    'rank': 'share of all points with less intensity × range²; -1: unknown',
 }
 # Of profile scanners besides: predictions by opposite returns, and the free group of a point.
 PROFILE = {

@@ -75,6 +75,6 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     prepared = prepare(pattern, seen.threads)
     write_odds(prepared, None, may_be_mixed(pattern), trees, seen.threads, odds)
     most = parameters.of(MixedPixels).threshold * (limit - MIN_LOG_ODDS)
-    score, _ = scale(pattern, odds, (most, most), seen.threads)
+    score, _ = scale(pattern, odds, most, seen.threads)
     reason = np.where(score > 1, REASON, 0).astype(np.uint8) if parameters.scores else None
     return Scores(score, reason=reason, scaled=True)

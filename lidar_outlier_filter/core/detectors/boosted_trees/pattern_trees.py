@@ -37,6 +37,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     Trees,
     add_lanes,
     contribute,
+    find_valleys,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import load as load_model
 from lidar_outlier_filter.core.detectors.boosted_trees.window import (
@@ -162,11 +163,9 @@ def judge(
     trees, prepared = load_model(model), prepare_all(FoundPattern(pattern, model), threads)
     first = first_pass(prepared, trees.first, threads)
     odds = second_pass(prepared, first, trees.again, trees.doubtful, threads)
-    limit = (
-        threshold * (trees.threshold - MIN_LOG_ODDS),
-        threshold * (trees.threshold_bright - MIN_LOG_ODDS),
-    )
-    score, rejected = scale(pattern, odds, limit, threads)
+    known = odds[pattern.order >= 0]
+    (own,) = find_valleys(known, np.array([trees.threshold]), trees.drop)
+    score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
     if reason is not None:
         found = strongest_of_trees(prepared, first, trees, rejected, threads)
         spread(pattern, found, reason)
@@ -174,11 +173,11 @@ def judge(
 
 
 def scale(
-    pattern: Pattern, odds: Singles, limit: tuple[float, float], threads: int = 0
+    pattern: Pattern, odds: Singles, limit: float, threads: int = 0
 ) -> tuple[Floats, Bools]:
     """Return the scores (N,) of the points as given, and which positions (M,) are rejected.
 
-    Log-odds of ``limit`` above the least make a score of 1: without a brightness, and with one.
+    Log-odds of ``limit`` above the least make a score of 1.
     """
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
@@ -353,19 +352,17 @@ def _strongest(trees: Trees, values: Singles, numbers: Bytes) -> Bytes:
 def _scale(
     pattern: Pattern,
     odds: Singles,
-    limit: tuple[float, float],
+    limit: float,
     begin: int,
     end: int,
     score: Floats,
     rejected: Bools,
 ) -> None:
     """Write what :func:`scale` returns of the points of lines begin to end."""
-    order, bright = pattern.order, pattern.bright
-    dark_limit, bright_limit = limit
+    order = pattern.order
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line]):
-            most = bright_limit if bright[k] >= 0 else dark_limit
-            value = max(float(odds[k]) - MIN_LOG_ODDS, 0.0) / most
+            value = max(float(odds[k]) - MIN_LOG_ODDS, 0.0) / limit
             score[order[k]] = value
             rejected[k] = value > 1
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Singles
+from lidar_outlier_filter.core.annotations import Floats, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -36,6 +36,9 @@ NAMES = {
 NAMES[FREE_MODEL] = NAMES[PATTERN_MODEL]
 QUESTIONS, VALUES = 7, 8  # of a tree: a point meets three of the questions
 MIN_LOG_ODDS = -8.0  # a score of 0
+# Of valleys: from one tried log-odds to the next, and what is near one; points above the threshold
+# from which on they make a hill, as a share and as a number.
+STEP, NEAR, MANY, MIN_ABOVE = 0.1, 0.5, 0.005, 50
 
 
 class Trees(NamedTuple):
@@ -76,7 +79,7 @@ class TreeModel(NamedTuple):
     first, again : the trees of both passes; their sums are log-odds
     doubtful : log-odds of the first pass above which the second judges a point
     threshold : log-odds above which a point is rejected
-    threshold_bright : the same for points with known intensity
+    drop : how far below it :func:`find_valleys` may go
 
     """
 
@@ -84,7 +87,7 @@ class TreeModel(NamedTuple):
     again: Trees
     doubtful: float
     threshold: float
-    threshold_bright: float
+    drop: float
 
 
 @lru_cache
@@ -103,7 +106,7 @@ def load(name: str = PATTERN_MODEL) -> TreeModel:
         read_trees(data['again'], names_again),
         float(data['doubtful']),
         float(data['threshold']),
-        float(data.get('threshold_bright', data['threshold'])),
+        float(data.get('drop', 0.0)),
     )
 
 
@@ -130,6 +133,28 @@ def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
     if shapes != ((count, QUESTIONS), (count, QUESTIONS), (count, VALUES)):
         raise FilterError('the trees of a model', f'{QUESTIONS} questions, {VALUES} values', shapes)
     return Trees(feature, limit, value, np.float32(data['start']))
+
+
+def find_valleys(log_odds: Singles, thresholds: Floats, drop: float) -> Floats:
+    """Return thresholds (T,) lowered to where the fewest points of a block are near.
+
+    Outliers make one hill in the histogram of log-odds, good points another; in the valley between
+    them, the fewest points are uncertain (Prewitt and Mendelsohn 1966). A threshold that only a few
+    points exceed shows no hill, and stays.
+
+    Parameters
+    ----------
+    log_odds : (N,) of all points of the block
+    thresholds : (T,) tried, log-odds
+    drop : by how much thresholds may be lowered; 0: not at all
+
+    """
+    some = np.sort(log_odds[log_odds >= thresholds.min() - drop - NEAR])
+    edges = thresholds[:, None] - np.arange(0.0, drop + STEP / 2, STEP)
+    near = np.searchsorted(some, edges + NEAR) - np.searchsorted(some, edges - NEAR)
+    above = len(some) - np.searchsorted(some, thresholds, 'right')
+    valley = edges[np.arange(len(edges)), near.argmin(axis=1)]
+    return np.where(above >= max(MANY * len(log_odds), MIN_ABOVE), valley, thresholds)
 
 
 @kernel

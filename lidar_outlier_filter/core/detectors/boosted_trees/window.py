@@ -96,8 +96,8 @@ class PatternWindow(NamedTuple):
         Squared distances to the returns, m²; and their ranges, less the point's own, m.
     mine : (RANGE + 1, LANES) float32
         x, y, z and range of the points.
-    bright : (LANES,) float32
-        How bright the points are.
+    bright : (2, LANES) float32
+        How bright the points are, in both ways.
     own : (4 * OWN, LANES) float32
         Ranges of the returns of the points' own ring, and their phases less those of the points.
     scores : (SCORES, LANES) float32
@@ -134,7 +134,7 @@ def make_window() -> PatternWindow:
         rows_of_singles(SIZE),
         rows_of_singles(SIZE),
         rows_of_singles(RANGE + 1),
-        np.empty(LANES, np.float32),
+        rows_of_singles(2),
         rows_of_singles(4 * OWN),
         rows_of_singles(SCORES),
         rows_of_singles(KEPT_NEAREST),
@@ -239,7 +239,8 @@ def _gather_own(
     """Gather points from a lane on, and the returns before and after them up to an angle."""
     positions, own, sums, mine = window.positions, window.own, window.sums, window.mine
     in_step = follow(load(positions, lane))
-    store(window.bright, lane, take(bright, positions, lane, 0, in_step))
+    for row in range(2):
+        store(window.bright[row], lane, take(bright[row], positions, lane, 0, in_step))
     origin = take(phase, positions, lane, 0, in_step)
     x, y = take(rows[0], positions, lane, 0, in_step), take(rows[1], positions, lane, 0, in_step)
     z = take(rows[2], positions, lane, 0, in_step)
@@ -478,7 +479,8 @@ def _ranges(pattern: Pattern, line: int, lane: int, window: PatternWindow, value
     store(values[ROW.range], lane, mine)
     store(values[ROW.range_ratio_glare], lane, mine * mine / farthest)
     store(values[ROW.depth], lane, mine / farthest)
-    store(values[ROW.bright], lane, load(window.bright, lane))
+    store(values[ROW.bright], lane, load(window.bright[0], lane))
+    store(values[ROW.rank], lane, load(window.bright[1], lane))
     store(values[ROW.uneven], lane, repeat(pattern.uneven[line]))
     # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
     a, b = load(inverse[0], lane), load(inverse[1], lane)

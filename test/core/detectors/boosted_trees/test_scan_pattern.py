@@ -24,6 +24,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     Trees,
     add_up,
+    find_valleys,
     load,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
@@ -210,25 +211,37 @@ def test_the_brightest_copy_counts(dim: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize('threshold', [1.0, 2.0])
-def test_points_with_an_intensity_have_a_threshold_of_their_own(
-    threshold: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize('drop', [0.0, 2.0])
+def test_score_of_1_is_the_threshold_of_the_block(
+    threshold: float, drop: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of equal log-odds, scores differ by whether the brightness is known, and by the user's."""
-    points = sweep(5, 0.1, columns=300)
-    known = np.arange(len(points)) % 2 == 0
-    intensity = np.where(known, 5.0, np.nan).astype(np.float32)
-    pattern = pattern_of(replace(points, intensity=intensity))
-    model, prepared = load()._replace(threshold_bright=2.5), prepare(pattern)
+    """A valley of the log-odds, where the model allows it, times the user's threshold."""
+    points = sweep(5, 0.1, columns=900)
+    pattern = pattern_of(points)
+    model, prepared = load()._replace(drop=drop), prepare(pattern)
     monkeypatch.setattr(pattern_trees, 'load_model', lambda _name: model)
     first = first_pass(prepared, model.first)
     odds = np.empty(len(points), np.float32)
     spread(pattern, second_pass(prepared, first, model.again, model.doubtful), odds)
-    bright = np.empty(len(points), np.float32)
-    spread(pattern, pattern.bright, bright)
-    assert 0.3 < np.mean(bright >= 0) < 0.7
-    limit = np.where(bright >= 0, model.threshold_bright, model.threshold) - MIN_LOG_ODDS
-    expected = np.maximum(odds.astype(np.float64) - MIN_LOG_ODDS, 0.0) / (threshold * limit)
+    own = naive.valley(odds.tolist(), model.threshold, drop)
+    assert (own < model.threshold) == (drop > 0)
+    limit = threshold * (own - MIN_LOG_ODDS)
+    expected = np.maximum(odds.astype(np.float64) - MIN_LOG_ODDS, 0.0) / limit
     np.testing.assert_array_equal(judge(pattern, threshold), expected)
+
+
+def test_valleys_are_those_of_loops() -> None:
+    """Also where values are equal to a tried one, few exceed the threshold, or none is there."""
+    rng = np.random.default_rng(1)
+    limits = np.array([-1.0, 0.5, 1.5, 9.0])
+    for outliers in (0, 30, 49, 50, 80, 3000):
+        good, bad = rng.normal(-4, 1, 9000), rng.normal(3, 1.5, outliers)
+        odds = np.concatenate([good, bad]).round(1).astype(np.float32)
+        expected = [naive.valley(odds.tolist(), limit, 2.0) for limit in limits]
+        assert find_valleys(odds, limits, 2.0).tolist() == expected
+        assert find_valleys(odds, limits, 0.0).tolist() == limits.tolist()
+    assert expected[2] < limits[2]
+    assert find_valleys(odds[:0], limits, 2.0).tolist() == limits.tolist()
 
 
 def test_arctangent() -> None:
