@@ -51,7 +51,7 @@ def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0
 
     """
     bright = np.empty((2, len(order)), np.float32)
-    usual, limits = _usual(order, reach, intensity)
+    usual, limits = _usual(order, reach, intensity), _find_ranks(order, reach, intensity)
     pool.run(
         lambda i, j: _compare(order, reach, intensity, usual, limits, i, j, bright),
         *(len(order), AT_ONCE, threads),
@@ -60,20 +60,15 @@ def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0
 
 
 @kernel
-def _usual(order: Ints, reach: Singles, intensity: Singles) -> tuple[Singles, Floats]:
-    """Return the median intensity from each edge to the next; 0 where too few cells show it.
-
-    And where the ranks of intensity × range² begin; nothing where too few cells show it.
-    """
+def _usual(order: Ints, reach: Singles, intensity: Singles) -> Singles:
+    """Return the median intensity from each edge to the next; 0 where too few cells show it."""
     usual = np.zeros(len(EDGES) + 1, np.float32)
     value = np.empty(len(order) // SAMPLED_EVERY + 1)
-    power = np.empty(len(value))
     between, some, shown = np.empty(len(value), np.int64), np.empty(len(value) + 1), 0
     for k in range(0, len(order), SAMPLED_EVERY):
         i = order[k]
         if i >= 0 and intensity[i] >= 0:
             value[shown], between[shown] = intensity[i], np.searchsorted(EDGES, reach[k])
-            power[shown] = value[shown] * np.float64(reach[k]) ** 2
             shown += 1
     for b in range(len(usual)):
         count = 0
@@ -82,8 +77,16 @@ def _usual(order: Ints, reach: Singles, intensity: Singles) -> tuple[Singles, Fl
             count += between[m] == b
         if count >= MIN_CELLS:
             usual[b] = median(some, count)
-    begins = np.arange(1, RANKS if shown >= MIN_CELLS else 1) * shown // RANKS
-    return usual, np.sort(power[:shown])[begins]
+    return usual
+
+
+def _find_ranks(order: Ints, reach: Singles, intensity: Singles) -> Floats:
+    """Return where the ranks of intensity × range² begin; nothing where too few cells show it."""
+    some, far = order[::SAMPLED_EVERY], reach[::SAMPLED_EVERY].astype(np.float64)
+    known = (some >= 0) & (intensity[some] >= 0)
+    power: Floats = np.sort(intensity[some[known]] * far[known] ** 2)
+    ranks = RANKS if len(power) >= MIN_CELLS else 1
+    return power[np.arange(1, ranks) * len(power) // RANKS]
 
 
 @kernel
@@ -107,12 +110,10 @@ def _compare(
         while b > 0 and not EDGES[b - 1] < reach[k]:
             b -= 1
         known = i >= 0 and intensity[i] >= 0
-        bright[0, k] = bright[1, k] = UNKNOWN
-        if known and usual[b] > 0:
-            bright[0, k] = min(intensity[i] / usual[b], BRIGHTEST)
-        if known and len(limits) > 0:
-            power = np.float64(intensity[i]) * np.float64(reach[k]) ** 2
-            bright[1, k] = np.searchsorted(limits, power) / RANKS
+        shown = known and usual[b] > 0
+        bright[0, k] = min(intensity[i] / usual[b], BRIGHTEST) if shown else UNKNOWN
+        shown, power = known and len(limits) > 0, intensity[i] * np.float64(reach[k]) ** 2
+        bright[1, k] = np.searchsorted(limits, power) / RANKS if shown else UNKNOWN
 
 
 TURN = 2.0 * np.pi

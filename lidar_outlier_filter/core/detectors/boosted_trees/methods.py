@@ -153,7 +153,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     Returns
     -------
     Scores
-        ``score`` (N,) float64, max(0, log-odds + 8) ÷ (the model's threshold + 8) ÷ ``threshold``.
+        ``score`` (N,) float64, max(0, log-odds + 8) ÷ (the block's threshold + 8) ÷ ``threshold``.
         NaN where no method applies, or points have fewer than 8 others.
 
     Examples

@@ -172,9 +172,7 @@ def judge(
     return score
 
 
-def scale(
-    pattern: Pattern, odds: Singles, limit: float, threads: int = 0
-) -> tuple[Floats, Bools]:
+def scale(pattern: Pattern, odds: Singles, limit: float, threads: int = 0) -> tuple[Floats, Bools]:
     """Return the scores (N,) of the points as given, and which positions (M,) are rejected.
 
     Log-odds of ``limit`` above the least make a score of 1.

@@ -136,18 +136,12 @@ def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
 
 
 def find_valleys(log_odds: Singles, thresholds: Floats, drop: float) -> Floats:
-    """Return thresholds (T,) lowered to where the fewest points of a block are near.
+    """Return thresholds (T,) lowered by up to ``drop`` to where the fewest log-odds (N,) are near.
 
-    Outliers make one hill in the histogram of log-odds, good points another; in the valley between
-    them, the fewest points are uncertain (Prewitt and Mendelsohn 1966). A threshold that only a few
-    points exceed shows no hill, and stays.
-
-    Parameters
-    ----------
-    log_odds : (N,) of all points of the block
-    thresholds : (T,) tried, log-odds
-    drop : by how much thresholds may be lowered; 0: not at all
-
+    Outliers make one hill in the histogram of a block's log-odds, good points another; between
+    them, the fewest points are uncertain (Prewitt and Mendelsohn 1966,
+    https://doi.org/10.1111/j.1749-6632.1965.tb11715.x). A threshold that only a few points exceed
+    shows no hill, and stays.
     """
     some = np.sort(log_odds[log_odds >= thresholds.min() - drop - NEAR])
     edges = thresholds[:, None] - np.arange(0.0, drop + STEP / 2, STEP)
