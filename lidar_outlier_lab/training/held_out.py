@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Reals, Singles
+from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import find_valleys
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
@@ -41,8 +41,13 @@ class HeldOut(NamedTuple):
     best: float
 
 
-def judge_at_all(
-    sensor: str, kind: str, outlier: Bools, score: Singles, drop: float = 0.0
+def judge_at_all(  # noqa: PLR0913  what is judged, and how
+    sensor: str,
+    kind: str,
+    outlier: Bools,
+    score: Reals,
+    limits: Floats = LIMITS,
+    drop: float = 0.0,
 ) -> HeldOut:
     """Count what every threshold rejects: points whose log-odds exceed it, or its valley."""
     bad, good = np.sort(score[outlier]), np.sort(score[~outlier])
@@ -52,8 +57,8 @@ def judge_at_all(
         lost = len(good) - np.searchsorted(good, limits, 'right')
         return 2.0 * found / np.maximum(found + lost + len(bad), 1), lost / max(len(good), 1)
 
-    best = float(count(LIMITS)[0].max())
-    return HeldOut(sensor, kind, *count(find_valleys(score, LIMITS, drop)), len(bad), best)
+    best = float(count(limits)[0].max())
+    return HeldOut(sensor, kind, *count(find_valleys(score, limits, drop)), len(bad), best)
 
 
 def choose_threshold(sweeps: Sequence[HeldOut], most: float = MAX_CLEAN_SHARE) -> float:

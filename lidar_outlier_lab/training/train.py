@@ -204,7 +204,7 @@ def _held_out(
     Each sensor was left out.
     """
     held = [
-        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result, DROP)
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result, drop=DROP)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats, Singles
+from lidar_outlier_filter.core.annotations import Floats, Reals, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -135,7 +135,7 @@ def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
     return Trees(feature, limit, value, np.float32(data['start']))
 
 
-def find_valleys(log_odds: Singles, thresholds: Floats, drop: float) -> Floats:
+def find_valleys(log_odds: Reals, thresholds: Floats, drop: float) -> Floats:
     """Return thresholds (T,) lowered by up to ``drop`` to where the fewest log-odds (N,) are near.
 
     Outliers make one hill in the histogram of a block's log-odds, good points another; between
