@@ -128,7 +128,7 @@ def _run(options: argparse.Namespace) -> int:
 def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
     from lidar_outlier_lab.training import scenes, train_mixed
-    from lidar_outlier_lab.training.train import Recipe, train
+    from lidar_outlier_lab.training.train import FREE, Recipe, train
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
@@ -142,7 +142,8 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
         about['about'] = 'Trees on mixed pixels, by lidar-outlier-filter train --mixed'
         result = train_mixed.train(sweeps, about, options.seed, progress)
         return result.text, result.threshold, [_mixed_table(result.held_out)]
-    result = train(sweeps, about, Recipe(options.seed), progress)
+    recipe = FREE if options.free else Recipe()
+    result = train(sweeps, about, recipe._replace(seed=options.seed), progress)
     return result.text, result.threshold, _tables(result.held_out)
 
 

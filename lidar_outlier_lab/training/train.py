@@ -34,6 +34,7 @@ from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
     CLEAN,
+    MAX_CLEAN_SHARE,
     STREET,
     HeldOut,
     choose_threshold,
@@ -53,7 +54,6 @@ UNUSED = ('share',)
 ROUNDS = (100, 120)  # trees of both ensembles
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 DOUBTFUL = -1.0  # first log-odds above which the second ensemble judges a point
-DROP = 2.0  # log-odds by which a block's valley may lower the threshold
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
 MIN_OUTLIERS = 500  # outliers of a sweep from which on all sweeps count the same
@@ -92,6 +92,8 @@ class Recipe(NamedTuple):
     rounds : trees of both ensembles
     folds : parts of the sensors, each of which is left out once
     unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
+    drop : log-odds by which a block's valley may lower the threshold
+    most : share of clean sweeps that may be rejected
 
     """
 
@@ -99,6 +101,12 @@ class Recipe(NamedTuple):
     rounds: tuple[int, int] = ROUNDS
     folds: int = FOLDS
     unseen: Collection[str] = ()
+    drop: float = 2.0
+    most: float = MAX_CLEAN_SHARE
+
+
+# Of a scanner without rings, in bands, more good points stand apart, and valleys find no outliers.
+FREE = Recipe(drop=0.0, most=0.0006)
 
 
 class _Seen(NamedTuple):
@@ -155,7 +163,7 @@ def train(
         'held_out_one_pass': figures(before, first_threshold),
         'doubtful': DOUBTFUL,
         'threshold': threshold,
-        'drop': DROP,
+        'drop': recipe.drop,
         'first': first,
         'again': again,
     }
@@ -204,12 +212,12 @@ def _held_out(
     Each sensor was left out.
     """
     held = [
-        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result, drop=DROP)
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result, drop=recipe.drop)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]
     some = [one for one in held if one.kind not in recipe.unseen]
-    return held[::2], held[1::2], choose_threshold(some)
+    return held[::2], held[1::2], choose_threshold(some, recipe.most)
 
 
 def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
