@@ -89,6 +89,16 @@ def _find_ranks(order: Ints, reach: Singles, intensity: Singles) -> Floats:
     return power[np.arange(1, ranks) * len(power) // RANKS]
 
 
+@device_function
+def _rank(limits: Floats, power: float) -> int:
+    """Count the limits below a power: a binary search without branches."""
+    below, step = 0, RANKS // 2
+    while step > 0:
+        below += step * (limits[below + step - 1] < power)
+        step //= 2
+    return below
+
+
 @kernel
 def _compare(
     order: Ints,
@@ -113,7 +123,7 @@ def _compare(
         shown = known and usual[b] > 0
         bright[0, k] = min(intensity[i] / usual[b], BRIGHTEST) if shown else UNKNOWN
         shown, power = known and len(limits) > 0, intensity[i] * np.float64(reach[k]) ** 2
-        bright[1, k] = np.searchsorted(limits, power) / RANKS if shown else UNKNOWN
+        bright[1, k] = _rank(limits, power) / RANKS if shown else UNKNOWN
 
 
 TURN = 2.0 * np.pi
