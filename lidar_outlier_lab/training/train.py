@@ -34,7 +34,6 @@ from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
     CLEAN,
-    MAX_CLEAN_SHARE,
     STREET,
     HeldOut,
     choose_threshold,
@@ -93,7 +92,6 @@ class Recipe(NamedTuple):
     folds : parts of the sensors, each of which is left out once
     unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
     drop : log-odds by which a block's valley may lower the threshold
-    most : share of clean sweeps that may be rejected
 
     """
 
@@ -102,11 +100,6 @@ class Recipe(NamedTuple):
     folds: int = FOLDS
     unseen: Collection[str] = ()
     drop: float = 2.0
-    most: float = MAX_CLEAN_SHARE
-
-
-# Of a scanner without rings, in bands, more good points stand apart, and valleys find no outliers.
-FREE = Recipe(drop=0.0, most=0.0006)
 
 
 class _Seen(NamedTuple):
@@ -217,7 +210,7 @@ def _held_out(
         if one.sweep.judged
     ]
     some = [one for one in held if one.kind not in recipe.unseen]
-    return held[::2], held[1::2], choose_threshold(some, recipe.most)
+    return held[::2], held[1::2], choose_threshold(some)
 
 
 def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
