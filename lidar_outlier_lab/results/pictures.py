@@ -67,15 +67,8 @@ def _draw(  # noqa: PLR0913  what makes a picture
 ) -> None:
     """Draw three rows, before, cleaned and outliers, each in perspective and otherwise, as PNG.
 
-    Parameters
-    ----------
-    points : (N,) structured, with x, y, z (metres), intensity and label
-    rejected : (N,) bool
-    title : at the top
-    view : the eye's position in perspective, and its target
-    beside : draws the panel beside, and returns the label of its x axis
-    path : of the file
-
+    ``view`` is the eye's position in perspective, and its target; ``beside`` draws the panel
+    beside, and returns the label of its x axis.
     """
     xyz = np.stack([points[axis] for axis in 'xyz']).astype(np.float64)
     bad = points['label'] != Cause.GOOD

@@ -103,20 +103,10 @@ def train_in_folds(
     seed: int = 1,
     progress: Progress = lambda _done, _total, _what: None,
 ) -> Trained:
-    """Train both ensembles.
+    """Train both ensembles, on at least as many scenes as folds.
 
-    Parameters
-    ----------
-    scenes : at least as many as folds
-    recipe : how
-    about : description of the training, for the file
-    seed : of the points drawn, from 0
-    progress : is called before every step: how many of how many are done, and of what; it may leave
-
-    Returns
-    -------
-    Trained
-        The same for the same arguments.
+    The same arguments give the same result. ``about`` describes the training, for the file;
+    ``progress`` is as in :func:`.train.train`.
 
     Raises
     ------

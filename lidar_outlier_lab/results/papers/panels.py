@@ -64,14 +64,7 @@ def draw(
 ) -> None:
     """Draw rows of panels as PNG; those of a row have the same axes.
 
-    Parameters
-    ----------
-    rows : panels
-    path : of the picture
-    labels : of the axes, with units
-    row : height of a row, inches
-    limits : of all axes; None: each row has those of its points
-
+    A row is ``row`` inches high. ``limits`` are of all axes; None: each row has its points'.
     """
     figure = Figure((WIDTH, 0.5 + row * len(rows)), dpi=DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
@@ -143,16 +136,9 @@ def draw_lines(
     *,
     from_zero: bool = False,
 ) -> None:
-    """Draw figures against k, such as the area under the ROC curve.
+    """Draw figures against numbers of neighbours, such as the area under the ROC curve.
 
-    Parameters
-    ----------
-    series : values at each k, by the name that the legend gives them; NaN leaves a gap
-    counts : of neighbours, ascending
-    path : without suffix
-    label : of the figures, with units
-    from_zero : let both axes begin at 0
-
+    ``counts`` ascend; ``series`` has values at each, NaN for a gap; ``path`` is without suffix.
     """
     plots.check(series)
     figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
