@@ -47,7 +47,7 @@ CHAINS: dict[str, dict[str, Any]] = {
     '`hierarchical`': {'chain': ('hierarchical',)},
     '`elevation`': {'chain': ('elevation',)},
     '`elevation`, `against: ground`': {'chain': ('elevation',), 'elevation.against': 'ground'},
-    'the default and that': {
+    'the default and the row above': {
         'chain': ('boosted_trees', 'elevation'),
         'boosted_trees.sensor': 'survey',
         'elevation.against': 'ground',
@@ -157,14 +157,14 @@ def f1(some: Sequence[Confusion]) -> str:
 
 def recall(some: Sequence[Confusion]) -> str:
     """Write how many outliers are found, of all seeds."""
-    whole = sum(some[1:], some[0])
-    return f'{whole.found} of {whole.outliers}' if whole.outliers else ''
+    outliers = sum(one.outliers for one in some)
+    return f'{sum(one.found for one in some)} of {outliers}' if outliers else ''
 
 
 def lost(some: Sequence[Confusion]) -> str:
     """Write the share of the good points that is lost, of all seeds."""
-    whole = sum(some[1:], some[0])
-    return f'{100 * whole.false_rejections.ratio:.2g} %' if whole.lost else 'none'
+    lost, good = sum(one.lost for one in some), sum(one.good for one in some)
+    return f'{100 * lost / good:.2g} %' if lost else 'none'
 
 
 def of_peers(data: Path) -> str:
