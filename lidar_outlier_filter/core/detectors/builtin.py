@@ -234,7 +234,7 @@ class BoostedTrees(Section):
         choices=('auto', 'profile', 'spinning', 'survey', 'free'),
     )
     threshold: float = declare(
-        1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
+        1.0, "Rejected above this many times the block's own threshold.", '', 1e-6, 1e6
     )
 
     @property
