@@ -7,9 +7,9 @@
 Each law of weather is left out once: none of its sweeps trains, and none chooses the threshold.
 Sensors are left out in folds beside it: trees that judge a sweep know neither its law nor its
 sensor. Each pair of sensor and weather is one cell: F1 of the trees, at the best threshold of the
-cell, and of the range-scaled distance, tuned on the cell. A law takes a quarter of an hour of
-processor time. ``--write`` puts the tables into ``doc/results/weather.md``, and what they
-say together into ``doc/accuracy.md``.
+cell, and of the range-scaled distance, tuned on the cell. All laws take half an hour of processor
+time. ``--write`` puts the tables into ``doc/results/weather.md``, and what they say together into
+``doc/accuracy.md``.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
