@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.detectors.registry import reads
+from lidar_outlier_filter.core.points.line_recovery import Claim
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
 from lidar_outlier_filter.core.points.points import (
     INTENSITY_NAMES,
@@ -49,6 +50,7 @@ class Convention:
     line_field: str | None
     warning: str = ''
     is_final: bool = True  # False while all times are 0, which leaves the unit open
+    claim: Claim | None = None  # what time and geometry shall confirm; None: lines are as given
 
     @property
     def has_rings(self) -> bool:
@@ -62,6 +64,8 @@ class Convention:
         else:
             reference = 'absolute' if self.time_is_absolute else 'from the header stamp'
             time = f'times from field {self.time_field!r} ({self.time_unit}, {reference})'
+        if self.claim is not None and self.line_source == 'message':
+            return f'{time}, no line field'
         lines = f'field {self.line_field!r}' if self.line_field else self.line_source
         return f'{time}, scan lines by {lines}'
 
@@ -220,14 +224,21 @@ class Decoder:
             raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
-            if source != 'field':
-                note = ', so verdicts depend on the cut into messages' * (source == 'message')
-                warnings.append(f'no line field: each {source} is a scan line (line_source){note}')
-        warning = '; '.join(warnings)
-        found = Convention(time_field, unit, absolute, source, line_field, warning, is_final)
+            if source == 'row':
+                warnings.append('no line field: each row is a scan line (line_source)')
+        warning, claim = '; '.join(warnings), self._claim(source, line_field, time_field)
+        found = Convention(time_field, unit, absolute, source, line_field, warning, is_final, claim)
         if self._mask is not None and not found.has_rings:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
         return found
+
+    def _claim(self, source: str, line_field: str | None, time_field: str | None) -> Claim | None:
+        """Return what claims to be a scan line; None where lines are used as they are."""
+        parameters = self.parameters
+        if time_field is None or parameters.line_source == 'message' or parameters.angle_field:
+            return None
+        names = {'row': 'the row', 'message': 'the message', 'angle': 'the scan angle'}
+        return Claim(source, names.get(source, f'field {line_field!r}'))
 
     def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:

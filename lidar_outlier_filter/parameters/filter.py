@@ -101,9 +101,17 @@ class FilterParameters:
     line_source: str = declare(
         'auto',
         'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
-        'angle. auto: the field if there is one, else rows if the cloud is organised, else '
-        'messages.',
+        'angle. auto: the field or the rows if they behave like lines, else the turns of the mirror, '
+        'from time and geometry; without any, messages.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
+        fixed=True,
+    )
+    line_rate: float = declare(
+        0.0,
+        "Turns per second of a profile scanner's mirror; 0: from time and geometry.",
+        '1/s',
+        0.0,
+        10_000.0,
         fixed=True,
     )
     line_field: str = declare(

@@ -11,9 +11,11 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
-from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.stream_lines import StreamLines
+from lidar_outlier_filter.core.points.line_recovery import Claim, Decision
 from lidar_outlier_filter.core.points.points import Points, no_return
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
@@ -97,6 +99,7 @@ class Pipeline:
         self._parameters = parameters
         self._inform, self._warn = inform, warn
         self._decoder = Decoder(parameters, inform, warn)
+        self._lines: StreamLines[_PendingCloud] = StreamLines(parameters, self._say_lines)
         self._is_moving = motion is not None
         if motion is not None:
             self.statistics.poses = motion.refusals
@@ -132,23 +135,32 @@ class Pipeline:
             # Decode: position, time and scan line of each point.
             points = self._without_points(msg) if bypassed else self._decoder.decode(msg)
             frame = str(msg.header.frame_id) if self._is_moving else ''
-            entered = self._enter(
-                _PendingCloud(
-                    points,
-                    frame=frame,
-                    msg=msg,
-                    tag=tag,
-                    parameters=self._parameters,
-                    bypassed=bypassed,
-                )
+            cloud = _PendingCloud(
+                points,
+                frame=frame,
+                msg=msg,
+                tag=tag,
+                parameters=self._parameters,
+                bypassed=bypassed,
             )
-            # Move: each point to the fixed frame, once the pose at its own time is known.
-            moved = self._queue.ready()
-            # Blocks: each complete one goes, with its halo, through the chain of detectors.
-            self._judge(moved, entered)
+            # Lines: numbered as decided, once a stretch of the stream shows what they are.
+            self._pass_on(self._lines.push(cloud, self._claim), cloud)
         # Verdict: a cloud is finished when all its points have one.
         # Split: cleaned and outliers, every point in one of them, byte for byte.
         return self._split()
+
+    def _pass_on(self, lined: Iterable[_PendingCloud], new: _PendingCloud | None = None) -> None:
+        """Move and judge clouds whose lines are known; raise the refusal of the ``new`` one."""
+        for cloud in lined:
+            try:
+                self._enter(cloud)
+                # Move: each point to the fixed frame, once the pose at its own time is known.
+                # Blocks: each complete one goes, with its halo, through the chain of detectors.
+                self._judge(self._queue.ready(), cloud)
+            except CloudError as err:
+                if cloud is new:
+                    raise
+                self.refused(err)
 
     def advance(self) -> list[SplitCloud]:
         """Return the clouds completed by new poses, or by the time of a refused cloud."""
@@ -157,12 +169,15 @@ class Pipeline:
 
     def flush_pending(self) -> list[SplitCloud]:
         """Return all pending clouds, judged with the poses and points that have arrived."""
+        self._pass_on(self._lines.release())
         self._judge(self._queue.release_all())
         self._finished += self._blocks.flush_pending()
         return self._split()
 
     def release_oldest(self) -> list[SplitCloud]:
         """Return the oldest pending cloud and all that have their poses; others may wait."""
+        if not self._blocks.pending and not self._queue.clouds:
+            self._pass_on(self._lines.release())
         if not self._blocks.pending and self._queue.clouds:
             self._judge([self._queue.release()])
             self._judge(self._queue.ready())
@@ -172,11 +187,15 @@ class Pipeline:
     def flush(self) -> list[SplitCloud]:
         """Return all pending clouds, and reset: the end of a recording."""
         self._decoder.reset()
+        self._pass_on(self._lines.release())
+        self._lines.reset()
         self._end_stream()
         return self._split()
 
     def reset(self) -> list[SplitCloud]:
         """Return all pending clouds, and reset, because the clock was set back."""
+        self._pass_on(self._lines.release())
+        self._lines.reset()
         self._blocks.resets += 1
         self._end_stream()
         return self._split()
@@ -189,18 +208,19 @@ class Pipeline:
     @property
     def pending(self) -> int:
         """Number of clouds that were accepted and not returned."""
-        return len(self._queue.clouds) + len(self._blocks.pending)
+        return len(self._lines.held) + len(self._queue.clouds) + len(self._blocks.pending)
 
     @property
     def oldest(self) -> Any:
         """Tag of the oldest pending cloud; None if no cloud is pending."""
-        pending = self._blocks.pending or self._queue.clouds
+        pending = self._blocks.pending or self._queue.clouds or self._lines.held
         return pending[0].tag if pending else None
 
     @property
     def convention(self) -> str:
         """How clouds are read, in words; empty before the first valid point."""
-        return str(self._decoder.convention or '')
+        lines = '' if self._lines.decision is None else self._lines.decision.text
+        return '; '.join(filter(None, (str(self._decoder.convention or ''), lines)))
 
     @property
     def has_rings(self) -> bool:
@@ -252,6 +272,16 @@ class Pipeline:
         self.statistics.refusals.note(err.what)
         self.refuse(err)
 
+    @property
+    def _claim(self) -> Claim | None:
+        """What the last cloud's lines claim to be; None where they are not needed."""
+        convention = self._decoder.convention
+        return convention.claim if convention and uses_lines(self._parameters.chain) else None
+
+    def _say_lines(self, decision: Decision) -> None:
+        if decision.text:
+            (self._warn if decision.contradicts else self._inform)(decision.text)
+
     def _without_points(self, msg: Any) -> Points:
         view = self._decoder.view(msg)
         return no_return(0 if view is None else view.size)
@@ -265,7 +295,7 @@ class Pipeline:
             self._end_stream()
         self._queue.newest = max(self._queue.newest, cloud.last)
         self._judge(self._queue.ready())
-        self._blocks.make_room(cloud, self._queue.points)
+        self._blocks.make_room(cloud, self._queue.points + self._lines.points)
         self._queue.append(cloud)
         return cloud
 

@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The period of a profile scanner's mirror, recovered from times and positions alone.
+
+At the right lag T, p(t) and p(t + T) lie on the same profile, a step of the vehicle apart, in the
+map's frame as in the sensor's; at any other lag they lie somewhere else. The smallest lag at which
+the median distance is about the least is the period. Where the sky or a blind sector leaves gaps,
+folding the times at the period makes them coincide, which refines it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidar_outlier_filter.core.annotations import Floats, Ints
+
+MIN_PERIOD_NS, MAX_PERIOD_NS = 1_500_000, 120_000_000
+MIN_TURNS = 2.5  # of the stretch: fewer turns show no period
+MIN_TURN_RETURNS = 24  # of a turn: fewer are no profile
+LAG_RATIO = 1.002  # of neighbouring lags that are tried
+SAMPLES, ROUGH_SAMPLES = 800, 160  # points that show how far apart two turns are
+MIN_PAIRS = 40  # of them, with a return one lag later
+MAX_BESIDE_SHOTS = 1.5  # shots between a sample's time, one lag later, and the return there
+MAX_RESEMBLANCE = 0.3  # median distance at the period ÷ that at a typical lag
+AS_NEAR = 1.5  # a lag whose distance is this many times the least may be the period
+FLOOR_M = 0.01  # of distances that are compared: noise of ranges
+MULTIPLES = 12  # a lag may be so many periods: a scanner that stands sees all of them alike
+INTERLEAVED_SHOTS = 160  # shots in which those of one beam recur, where several beams take turns
+FOLD_BINS = 128  # of a turn
+FOLD_WIDTH = 0.006  # relative: how far folding may move the period to either side
+FOLDS = 121  # periods that are tried there
+GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
+
+
+class Mirror(NamedTuple):
+    """How the mirror of a profile scanner turns.
+
+    Attributes
+    ----------
+    period : float
+        Of a turn, nanoseconds.
+    begin : int
+        When some turn begins, nanoseconds: where few shots have a return, so that no surface is cut.
+    resemblance : float
+        Median distance of points one turn apart ÷ that at a typical lag: far below 1.
+
+    """
+
+    period: float
+    begin: int
+    resemblance: float
+
+    @property
+    def rate(self) -> float:
+        """Turns per second."""
+        return 1e9 / self.period
+
+
+def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
+    """Find the period of the mirror; None where points do not show one.
+
+    Parameters
+    ----------
+    t : (N,) int64
+        Nanoseconds, ascending.
+    xyz : (N, 3) float64
+        Of the returns, metres, in the map's frame or in the sensor's.
+    period : float
+        Where it is known, nanoseconds; 0: it is sought.
+
+    """
+    if period > 0.0:
+        return Mirror(period, int(t[0]) + round(_gap(t, period)), 0.0) if len(t) else None
+    if len(t) < MIN_TURN_RETURNS * MIN_TURNS or not is_path(xyz):
+        return None
+    elapsed = np.diff(t)
+    step = float(np.median(elapsed[elapsed > 0])) if (elapsed > 0).any() else 0.0
+    least = max(MIN_PERIOD_NS, MIN_TURN_RETURNS * step)
+    most = min(MAX_PERIOD_NS, float(t[-1] - t[0]) / MIN_TURNS)
+    if not 0 < step or not least < most:
+        return None
+    pairs = _Pairs(t, xyz, step)
+    count = int(np.log(most / least) / np.log(LAG_RATIO)) + 1
+    lags = np.rint(least * LAG_RATIO ** np.arange(count))
+    apart = pairs.apart(lags, ROUGH_SAMPLES)
+    known = np.isfinite(apart)
+    if not known.any():
+        return None
+    typical = float(np.median(apart[known]))
+    near = min(FLOOR_M + 2.0 * float(apart[known].min()), MAX_RESEMBLANCE * typical)
+    refined = [_refine(pairs, lag) for lag in _dips(lags, apart, near)]
+    if not refined:
+        return None
+    best = min(one[1] for one in refined)
+    limit = AS_NEAR * best + FLOOR_M
+    period, distance = min(one for one in refined if one[1] <= limit)
+    for parts in range(MULTIPLES, 1, -1):
+        if period / parts >= least:
+            part, its = _refine(pairs, period / parts)
+            if its <= AS_NEAR * distance + FLOOR_M:
+                period, distance = part, its
+                break
+    if distance > MAX_RESEMBLANCE * typical:
+        return None
+    period = _fold_best(t, period)
+    return Mirror(period, int(t[0]) + round(_gap(t, period)), distance / typical)
+
+
+def is_path(xyz: Floats) -> bool:
+    """Return whether each point in order lies beside the one before: of one beam, not of several."""
+    count = len(xyz)
+    some = np.arange(0, count - 1, max((count - 1) // SAMPLES, 1))
+
+    def apart(lag: int) -> float:
+        index = some[some + lag < count]
+        if len(index) < MIN_PAIRS:
+            return np.inf
+        return float(np.median(np.sqrt(((xyz[index + lag] - xyz[index]) ** 2).sum(axis=1))))
+
+    beside = apart(1)
+    return all(beside <= apart(lag) for lag in range(2, INTERLEAVED_SHOTS))
+
+
+class _Pairs:
+    """Some points, and where their beam pointed one lag later."""
+
+    def __init__(self, t: Ints, xyz: Floats, step: float) -> None:
+        self.t, self.xyz, self.step = t, xyz, step
+
+    def apart(self, lags: Floats, samples: int = SAMPLES) -> Floats:
+        """Return the median distance (L,), metres, of points one lag (ns) apart; inf: too few."""
+        found = [self._apart(some, samples) for some in np.array_split(lags, -(-len(lags) // 64))]
+        return np.concatenate(found)
+
+    def _apart(self, lags: Floats, samples: int) -> Floats:
+        t, xyz = self.t, self.xyz
+        last = np.searchsorted(t, t[-1] - lags, side='right')
+        some = np.arange(samples) * last[:, None] // samples
+        when = t[some] + np.rint(lags).astype(np.int64)[:, None]
+        after = np.minimum(np.searchsorted(t, when), len(t) - 1)
+        before = np.maximum(after - 1, 0)
+        other = np.where(when - t[before] <= t[after] - when, before, after)
+        away = np.sqrt(((xyz[other] - xyz[some]) ** 2).sum(axis=2))
+        there = np.abs(t[other] - when) <= MAX_BESIDE_SHOTS * self.step
+        count = np.count_nonzero(there, axis=1)
+        away = np.sort(np.where(there, away, np.inf), axis=1)
+        median = np.take_along_axis(away, np.minimum(count // 2, samples - 1)[:, None], axis=1)[
+            :, 0
+        ]
+        return np.where(count >= max(MIN_PAIRS, samples // 4), median, np.inf)
+
+
+def _dips(lags: Floats, apart: Floats, near: float) -> Floats:
+    """Return the lags of local minima not farther apart than ``near``."""
+    padded = np.concatenate([[np.inf], apart, [np.inf]])
+    low = (padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]) & (apart <= near)
+    return lags[low]
+
+
+def _refine(pairs: _Pairs, lag: float) -> tuple[float, float]:
+    """Return the lag, whole shots away, of the least distance nearby, and that distance."""
+    reach = np.arange(-6, 7) * (LAG_RATIO - 1.0) * lag / 4.0
+    least = np.inf
+    for around in (reach, reach / 6.0):
+        apart = pairs.apart(lag + around)
+        lag, least = float(lag + around[apart.argmin()]), float(apart.min())
+    return lag, least
+
+
+def fold(t: Ints, period: float, bins: int = FOLD_BINS) -> NDArray[np.int64]:
+    """Count the returns in each bin of a turn, from the first return on."""
+    phase = (t - t[0]) / period
+    return np.bincount(((phase - np.floor(phase)) * bins).astype(np.int64) % bins, minlength=bins)
+
+
+def _fold_best(t: Ints, period: float) -> float:
+    """Return the period near one at which gaps coincide best, or that one if there are no gaps."""
+    counts = fold(t, period)
+    if counts.min() > GAP_SHARE * np.median(counts):
+        return period
+    width = min(FOLD_WIDTH, period / float(t[-1] - t[0]))
+    tried = period * (1.0 + width * np.linspace(-1.0, 1.0, FOLDS))
+    # Epoch folding (Leahy et al. 1983): the counts differ most where the period is right.
+    power = np.array([(fold(t, one) ** 2).sum() for one in tried])
+    good = np.flatnonzero(power >= power.max() - 0.02 * (power.max() - power.min()))
+    return float(tried[good].mean())
+
+
+def _gap(t: Ints, period: float) -> float:
+    """Return when a turn should begin, ns after the first return: amid the widest gap."""
+    counts = fold(t, period).astype(np.float64)
+    # The emptier around, the better: weights fall to 0 a quarter of a turn away.
+    reach = FOLD_BINS // 4
+    weights = (reach - np.abs(np.arange(1 - reach, reach))).astype(np.float64)
+    around = np.concatenate([counts[-reach + 1 :], counts, counts[: reach - 1]])
+    full = np.convolve(around, weights, 'valid')
+    return float((int(full.argmin()) + 0.5) / FOLD_BINS * period)
