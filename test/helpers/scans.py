@@ -108,13 +108,14 @@ class Drive:
         shots: int = 120,
         strays: float = 0.02,
         mirror: Mirror | None = None,
+        faster: float = 1.0,
     ) -> None:
         rng = np.random.default_rng(seed)
         shot = np.arange(lines * shots)
         part, line = (shot % shots) / shots, shot // shots
         self.angle = 2 * np.pi * part if mirror is None else mirror.angle(part, line)
         t = shot * (PERIOD // shots)
-        eye = np.array([0.0, 0.5, 2.0]) + SPEED * (t * 1e-9)[:, None]
+        eye = np.array([0.0, 0.5, 2.0]) + faster * SPEED * (t * 1e-9)[:, None]
         beam = np.cos(self.angle)[:, None] * AXES[1] + np.sin(self.angle)[:, None] * AXES[0]
         beam /= np.linalg.norm(beam, axis=1)[:, None]
         walls = np.where(beam[:, 1:] > 0, [5.0, 9.0], [-6.0, 0.0])

@@ -20,11 +20,15 @@ Cell = tuple[int, int]  # of a return: its line, and its cell there
 
 
 class Seat(NamedTuple):
-    """Where the scanner of a line was: metres; how far returns are off, rad; how unsure, metres."""
+    """Where the scanner of a line was: metres; how far returns are off, rad; how unsure, metres.
+
+    And where its mirror points to at angles 0 and π/2.
+    """
 
     position: list[float]
     off: float
     unsure: float
+    beam: list[list[float]]
 
 
 def seat(xyz: NDArray[np.float64], turned: list[float]) -> Seat:
@@ -48,7 +52,12 @@ def seat(xyz: NDArray[np.float64], turned: list[float]) -> Seat:
         off = median(abs(rows @ vector[:, 0]) * weight) / length
         unsure = math.sqrt(value[0] / (len(x) * value[1])) / length
         position = centre + east * axes[0] + north * axes[1]
-        found.append(Seat(position.tolist(), float(off), unsure))
+        cos, sin = a / length, b / length
+        ahead = (x - east) * (cosine * cos - sine * sin) + (y - north) * (cosine * sin + sine * cos)
+        if sum(ahead * weight) < 0:
+            cos, sin = -cos, -sin
+        beam = [cos * axes[0] + sin * axes[1], sense * (cos * axes[1] - sin * axes[0])]
+        found.append(Seat(position.tolist(), float(off), unsure, [one.tolist() for one in beam]))
     return min(found, key=lambda one: one.off)
 
 

@@ -6,27 +6,13 @@ The lines stand for a spinning sensor's rings, and the angle of the mirror for t
 azimuth. Points may be in any frame: the scanner's position, and the angle of its mirror, are
 estimated from them.
 
-The mirror turns evenly, or it swings in each line, evenly or as a pendulum. So the angle of each
-shot is known from its time, up to a constant; and seen from the scanner, all points of a line are
-where these angles say, however far they are. How far a mirror swings is tried: the best fit counts.
-The scanner's position then shows which way it swings in a line.
-
-With x and y in the plane of a line, the scanner at s and a mirror angle φ + δ, each point says
-
-    (x - s_x) sin(φ + δ) = (y - s_y) cos(φ + δ)
-
-which is linear in sin δ, cos δ and two products of them with s.
 """
 
-from typing import Any, NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
@@ -37,33 +23,22 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     place,
     sort_lines,
 )
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
+    MAD_TO_SIGMA,
+    MIN_RANGE_M,
+    MIN_RETURNS,
+    SAMPLES,
+    TimedLines,
+    find_scanner,
+    median_of,
+)
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 MIN_LINES = 2
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.
 STEP_MARGIN = 1.01
-MAD_TO_SIGMA = 1.4826
 SIGMA_FLOOR = 0.002  # metres
 NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
-SAMPLES = 64  # returns of a line that show where the scanner is
-MIN_RETURNS = 32  # returns of a line, fewer show nothing
-MIN_KNOWN_SHARE = 0.5  # share of the lines whose own returns must show the scanner's position
-FITS = 3
-MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
-MAX_OFF_STEPS = 0.5  # steps of the mirror that a typical return may be off its angle
-MAX_OFF_PLANE_RAD = 0.02  # rad that a typical return of a typical line may be off its plane
-MAX_SIGMA_M = 0.2  # m: standard deviation of the scanner's position
-POSITION_PARTS = 1024.0  # parts of a metre that the scanner's position is rounded to
-MIN_RANGE_M = 0.01  # m: least range
-TINY = np.finfo(np.float64).tiny
-EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
-UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
-LINES_AT_ONCE = 256  # that a thread fits
-# Rad to either side that are tried, and then those between the two beside the best. From the air a
-# mirror swings less: there trees on the neighbours, which know such clouds, judge better.
-SWINGS = np.geomspace(0.8, 2.5, 25)
-SWING_LINES = 5  # the longest ones show how far a mirror swings
-ANGLE_PARTS = 2.0**30  # parts of a rad that angles of a swing are rounded to
 
 
 def find_profile_pattern(
@@ -95,7 +70,8 @@ def find_profile_pattern(
     scanner = find_scanner(TimedLines(points.xyz, t, order, first, rank), threads)
     if scanner is None:
         return None
-    phase, distance = scanner.turned, _ranges(points.xyz, scanner.position, order, first)
+    phase = scanner.turned
+    distance = _ranges(points.xyz, scanner.position, scanner.moved, order, first)
     ordered, nothing = OrderedLines(points.xyz, distance, order, first), np.zeros_like(phase)
     at_once = lines_at_once(lines, len(points))
     pool.run(lambda i, j: sort_lines(ordered, i, j, phase, nothing), *(lines, at_once, threads))
@@ -120,14 +96,15 @@ def find_profile_pattern(
 
 
 @kernel
-def _ranges(xyz: Floats, position: Floats, order: Ints, first: Ints) -> Floats:
+def _ranges(xyz: Floats, position: Floats, moved: Floats, order: Ints, first: Ints) -> Floats:
     """Return the distance (N,) of each point, as given, from where the scanner was, metres."""
     distance = np.empty(len(order))
     for line in range(len(position)):
-        for i in order[first[line] : first[line + 1]]:
-            x, y, z = xyz[i]
-            x, y, z = x - position[line, 0], y - position[line, 1], z - position[line, 2]
-            distance[i] = max(np.sqrt(x * x + y * y + z * z), MIN_RANGE_M)
+        for k in range(first[line], first[line + 1]):
+            i, square = order[k], 0.0
+            for axis in range(3):
+                square += (xyz[i, axis] - position[line, axis] - moved[k, axis]) ** 2
+            distance[i] = max(np.sqrt(square), MIN_RANGE_M)
     return distance
 
 
@@ -156,327 +133,3 @@ def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
     size = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
     off = np.abs(reach * (1.0 - reach * value - curved)) / size
     return max(MAD_TO_SIGMA * median_of(off), SIGMA_FLOOR)
-
-
-# The scanner and its mirror -----------------------------------------------------------------------
-
-
-class Scanner(NamedTuple):
-    """Where a profile scanner was.
-
-    Attributes
-    ----------
-    position : (L, 3) float64
-        Of each line, metres.
-    turned : (N,) float64
-        Mirror angle of each point, sorted by line and time, since the same constant, rad.
-
-    """
-
-    position: Floats
-    turned: Floats
-
-
-class TimedLines(NamedTuple):
-    """N points of L lines.
-
-    Attributes
-    ----------
-    xyz : (N, 3) as given, metres
-    t : (N,) of points in order, nanoseconds
-    order : (N,) by line and time
-    first : (L + 1,) where lines begin
-    rank : (L,) the order of the lines in time
-
-    """
-
-    xyz: Floats
-    t: Ints
-    order: Ints
-    first: Ints
-    rank: Ints
-
-    @property
-    def sizes(self) -> Ints:
-        """Count the returns of each line."""
-        return self.first[1:] - self.first[:-1]
-
-    @property
-    def begins(self) -> Ints:
-        """Return when lines begin, nanoseconds, in the order of time."""
-        return self.t[self.first[:-1]][self.rank]
-
-    def indices(self, part: Floats) -> Ints:
-        """Return where the returns at some parts (S,) of each line are in order (L, S)."""
-        return self.first[:-1, None] + (part * self.sizes[:, None]).astype(np.int64)
-
-
-class _Mirror(NamedTuple):
-    """The angle of N shots and the usual step, rad; the turn of L lines; whether it may go back."""
-
-    angle: Floats
-    step: float
-    turns: Floats
-    swings: bool
-
-
-def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
-    """Estimate where the scanner was; None where the points do not determine it.
-
-    ``threads``: maximum number of threads; 0: all cores.
-    """
-    if np.count_nonzero(lines.sizes >= MIN_RETURNS) < MIN_KNOWN_SHARE * len(lines.sizes):
-        return None
-    for find in (_turning_mirror, _swinging_mirror):
-        mirror = find(lines)
-        scanner = None if mirror is None else _locate(lines, mirror, threads)
-        if scanner is not None:
-            return scanner
-    return None
-
-
-def _turning_mirror(lines: TimedLines) -> _Mirror | None:
-    """Return the angles of a mirror that turns once in a line."""
-    period = median_of(np.diff(lines.begins))
-    if not period > 0.0:
-        return None
-    turns, since = _since(lines, period)
-    turned = since * (TURN / period)
-    return _Mirror(turned - turned.min(), _usual_step(lines) * (TURN / period), turns, swings=False)
-
-
-def _swinging_mirror(lines: TimedLines) -> _Mirror | None:
-    """Return the angles of a mirror that swings once in a line, as if always the same way."""
-    # Where one end has no returns, every second line begins late.
-    pairs = lines.begins[2:] - lines.begins[:-2]
-    period = median_of(pairs) / 2.0
-    if not period > 0.0:
-        return None
-    turns, since = _since(lines, period)
-    swung = (since - (since.min() + since.max()) / 2.0) * (np.pi / period)
-    waves = np.sin(swung), swung * (2.0 / np.pi)
-    some = lines.indices(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
-    xyz = lines.xyz[lines.order[some]]
-    found = [_find_swing(xyz, wave[some]) for wave in waves]
-    swing, off = min(found, key=lambda one: one[1] / one[0])
-    step = _usual_step(lines) * (2.0 * swing / period)
-    if off > MAX_OFF_STEPS * step:
-        return None
-    angle = np.rint(swing * waves[found.index((swing, off))] * ANGLE_PARTS) / ANGLE_PARTS
-    return _Mirror(angle, step, turns, swings=True)
-
-
-def _find_swing(xyz: Floats, wave: Floats) -> tuple[float, float]:
-    """Find how far a mirror swings (L, S) at returns (L, S, 3); and how far off they are, then.
-
-    Both as an angle, rad; the less a mirror swings, the nearer are all returns to its angles.
-    """
-    tried = SWINGS
-    for _ in range(3):
-        angles = (tried[:, None, None] * wave).reshape(-1, SAMPLES)
-        fit = fit_lines(np.tile(xyz, (len(tried), 1, 1)), angles)
-        off = np.median(fit.off.reshape(len(tried), -1), axis=1) / tried
-        k = int(off.argmin())
-        swing, least = float(tried[k]), float(off[k])
-        tried = np.geomspace(tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)], len(tried))
-    return swing, least * swing
-
-
-def _since(lines: TimedLines, period: float) -> tuple[Floats, Floats]:
-    """Return the turn of each line (L,), and how long before each shot it began (N,), ns."""
-    t, first, rank = lines.t, lines.first, lines.rank
-    middle = t[first[:-1] + lines.sizes // 2][rank]
-    # A line without returns leaves out a turn.
-    turns = np.empty(len(rank))
-    turns[rank] = np.cumsum([0.0, *np.maximum(np.rint(np.diff(middle) / period), 1.0)])
-    since = (t - lines.begins[0]).astype(np.float64) - np.repeat(turns * period, lines.sizes)
-    return turns, since
-
-
-def median_of(values: NDArray[Any]) -> float:
-    """Return the median of values, none of them NaN; 0 of none."""
-    some = values.astype(np.float64)
-    return median(some, len(some)) if len(some) else 0.0
-
-
-def _usual_step(lines: TimedLines) -> float:
-    """Return the median time between two shots, ns."""
-    elapsed = np.diff(lines.t)
-    return median_of(elapsed[elapsed > 0])
-
-
-def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
-    """Estimate where the scanner was; None where points do not lie at the mirror's angles."""
-    xyz, order, rank = lines.xyz, lines.order, lines.rank
-    some, count = lines.indices(EVENLY), len(rank)
-    parts = pool.run(
-        lambda i, j: fit_lines(xyz[order[some[i:j]]], mirror.angle[some[i:j]]),
-        *(count, LINES_AT_ONCE, threads),
-    )
-    fit = Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    good = (
-        (fit.off <= MAX_OFF_STEPS * mirror.step)
-        & (fit.unsure <= MAX_SIGMA_M)
-        & (lines.sizes >= MIN_RETURNS)
-    )
-    if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:
-        return None
-    # Unevenly taken, because of rings in turn even steps would take always the same one.
-    some = lines.indices(UNEVENLY)
-    away = pool.run(
-        lambda i, j: off_plane(
-            xyz[order[some[i:j]]] - fit.position[i:j, None], mirror.angle[some[i:j]]
-        ),
-        *(count, LINES_AT_ONCE, threads),
-    )
-    if median_of(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
-        return None
-    known, when = good[rank], mirror.turns[rank]
-    found = np.empty((count, 3))
-    for axis in range(3):
-        found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
-    found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
-    if not mirror.swings:
-        return Scanner(found, mirror.angle)
-    sense = _sense(xyz[order[lines.indices(EVENLY)]] - found[:, None], rank)
-    return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes))
-
-
-def _sense(xyz: Floats, rank: Ints) -> Floats:
-    """Return which way the mirror turns in each line, 1 or -1, by its returns (L, S, 3)."""
-    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), MIN_RANGE_M)
-    axis = np.cross(ray[:, :-1], ray[:, 1:]).sum(axis=1)[rank]
-    sense = np.ones(len(rank))
-    sense[rank[1:]] = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
-    return sense
-
-
-class Fit(NamedTuple):
-    """The scanner's position, as some returns of each of L lines show it.
-
-    Attributes
-    ----------
-    position : (L, 3) float64
-        Metres.
-    off : (L,) float64
-        Median angle between a return and where the mirror pointed, rad; infinite where the returns
-        all lie where the scanner is.
-    unsure : (L,) float64
-        Standard deviation of the position, metres.
-
-    """
-
-    position: Floats
-    off: Floats
-    unsure: Floats
-
-
-@kernel
-def fit_lines(xyz: Floats, turned: Floats) -> Fit:
-    """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
-    lines, count = turned.shape
-    fit = Fit(np.empty((lines, 3)), np.empty(lines), np.empty(lines))
-    centre, at, flat = np.empty(3), np.empty((3, count)), np.empty((4, count))
-    products, axes = np.empty((3, 3)), np.empty((3, 3))
-    for line in range(lines):
-        for i in range(3):
-            centre[i] = xyz[line, :, i].mean()
-            for m in range(count):
-                at[i, m] = xyz[line, m, i] - centre[i]
-        normal = _find_axes(at, products, axes)
-        east, north = axes[:, (normal + 1) % 3], axes[:, (normal + 2) % 3]
-        for m in range(count):
-            flat[0, m] = at[0, m] * east[0] + at[1, m] * east[1] + at[2, m] * east[2]
-            flat[1, m] = at[0, m] * north[0] + at[1, m] * north[1] + at[2, m] * north[2]
-            flat[2, m], flat[3, m] = np.sin(turned[line, m]), np.cos(turned[line, m])
-        # Which side of the plane is seen is not known: the mirror turns one way or the other.
-        for sense in (1.0, -1.0):
-            x, y, off, unsure = _fit_plane(flat, sense)
-            if sense > 0 or off < fit.off[line]:
-                fit.position[line] = centre + x * east + y * north
-                fit.off[line], fit.unsure[line] = off, unsure
-    return fit
-
-
-@device_function
-def _fit_plane(flat: Floats, sense: float) -> tuple[float, float, float, float]:
-    """Fit the position in a plane; return how far off returns are, and how unsure it is, too.
-
-    ``flat`` (4, S): the returns there, and the sines and cosines of mirror angles.
-    """
-    count = flat.shape[1]
-    rows, products, axes = np.empty((4, count)), np.empty((4, 4)), np.empty((4, 4))
-    far, off, weight = np.empty(count), np.empty(count), np.ones(count)
-    east = north = square = error = second = 0.0
-    for _ in range(FITS):
-        for m in range(count):
-            x, y, cosine, w = flat[0, m], flat[1, m], flat[3, m], weight[m]
-            sine = sense * flat[2, m]
-            rows[0, m], rows[1, m] = w * (x * sine - y * cosine), w * (x * cosine + y * sine)
-            rows[2, m], rows[3, m] = -w * sine, w * cosine
-        least = _find_axes(rows, products, axes)
-        a, b, c, d = axes[0, least], axes[1, least], axes[2, least], axes[3, least]
-        square = max(a * a + b * b, TINY)
-        east, north = (c * a - d * b) / square, (c * b + d * a) / square
-        for m in range(count):
-            residual = a * rows[0, m] + b * rows[1, m] + c * rows[2, m] + d * rows[3, m]
-            far[m] = np.sqrt((flat[0, m] - east) ** 2 + (flat[1, m] - north) ** 2)
-            before, weight[m] = weight[m], 1.0 / max(far[m], MIN_WEIGHED_M)
-            off[m] = abs(residual) / before * weight[m]
-        error, products[least, least] = max(products[least, least], 0.0), np.inf
-        second = max(np.diag(products).min() * square, TINY)
-    # Points that all lie where the scanner is fit any angle.
-    shown = median(far, count) > MIN_RANGE_M
-    typical = median(off, count) / np.sqrt(square) if shown else np.inf
-    return east, north, typical, np.sqrt(error / (count * second))
-
-
-@kernel
-def off_plane(xyz: Floats, turned: Floats) -> Floats:
-    """Return how far S returns of each line (L, S, 3), from the scanner, are off a plane, rad.
-
-    The median of the distances from the best plane ÷ range. The plane may move steadily along its
-    normal as the mirror turns (L, S): a scanner that drives draws a screw.
-    """
-    lines, count = turned.shape
-    found, off, rows = np.empty(lines), np.empty(count), np.empty((5, count))
-    products, axes = np.empty((3, 3)), np.empty((3, 3))
-    for line in range(lines):
-        middle = turned[line].mean()
-        for m in range(count):
-            x, y, z = xyz[line, m]
-            weight = 1.0 / max(np.sqrt(x * x + y * y + z * z), MIN_WEIGHED_M)
-            rows[0, m], rows[1, m] = weight, weight * (turned[line, m] - middle)
-            rows[2, m], rows[3, m], rows[4, m] = weight * x, weight * y, weight * z
-        # What shift and drive explain is taken off.
-        for k in range(2):
-            size = max(_dot(rows[k], rows[k]), TINY)
-            for i in range(k + 1, 5):
-                part = _dot(rows[i], rows[k]) / size
-                for m in range(count):
-                    rows[i, m] -= part * rows[k, m]
-        normal = axes[:, _find_axes(rows[2:], products, axes)]
-        for m in range(count):
-            off[m] = abs(rows[2, m] * normal[0] + rows[3, m] * normal[1] + rows[4, m] * normal[2])
-        found[line] = median(off, count)
-    return found
-
-
-@device_function
-def _find_axes(rows: Floats, products: Floats, axes: Floats) -> int:
-    """Sum up products of rows (U, S), and turn them into axes; return which is the shortest."""
-    size = len(rows)
-    for i in range(size):
-        for j in range(i + 1):
-            products[i, j] = products[j, i] = _dot(rows[i], rows[j])
-    eigen(products, axes, size)
-    return find_least(products, size)
-
-
-@device_function
-def _dot(one: Floats, other: Floats) -> float:
-    """Sum up products; np.dot depends on the library beneath it."""
-    total = 0.0
-    for m in range(len(one)):
-        total += one[m] * other[m]
-    return total

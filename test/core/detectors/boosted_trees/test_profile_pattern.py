@@ -29,14 +29,10 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODE
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern import profile_pattern
+from lidar_outlier_filter.core.scan_pattern import profile_scanner
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
-from lidar_outlier_filter.core.scan_pattern.profile_pattern import (
-    SAMPLES,
-    Fit,
-    find_profile_pattern,
-    fit_lines,
-)
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, Fit, fit_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -77,6 +73,19 @@ def test_scanner_position(lost: float, moved: tuple[float, float, float]) -> Non
     assert_allclose(pattern.noise / 2, 0.004, rtol=0.4)
 
 
+@pytest.mark.parametrize('faster', [0.0, 1.5, 3.7])
+def test_dense_lines_of_a_scanner_that_drives(faster: float) -> None:
+    """First returns drift with what is scanned; the scanner moves by many steps within a line."""
+    drive = Drive(21, 0.1, lines=24, shots=2500, faster=faster)
+    seen = drive.angle > 0.4 + 0.03 * drive.line
+    xyz = drive.points.xyz + np.array([4e5, 5e6, 100.0])
+    pattern = profile_pattern_of(points_of(xyz, drive.t, drive.line).take(seen))
+    has_return = pattern.order >= 0
+    order = np.flatnonzero(seen)[pattern.order[has_return]]
+    assert np.ptp(pattern.phase[has_return] - drive.angle[order]) < 0.25 * 2 * np.pi / 2500
+    assert_allclose(pattern.range[has_return], drive.far[order], atol=0.02)
+
+
 def test_scanner_in_the_sensor_frame() -> None:
     """Untransformed points have the scanner at their origin."""
     rng = np.random.default_rng(3)
@@ -101,7 +110,9 @@ def test_scanner_equals_naive(lost: float, moved: tuple[float, float, float]) ->
     for line, rows in enumerate(xyz):
         expected = naive.seat(rows, turned[line].tolist())
         assert_allclose(found.position[line], expected.position, rtol=0, atol=1e-8)
-        assert_allclose([found.off[line], found.unsure[line]], expected[1:], rtol=1e-5)
+        shown = [found.off[line], found.unsure[line]]
+        assert_allclose(shown, [expected.off, expected.unsure], rtol=1e-5)
+        assert_allclose(found.beam[line], expected.beam, rtol=0, atol=1e-8)
         alone = fit_lines(xyz[line : line + 1], turned[line : line + 1])
         for one, every in zip(alone, found, strict=True):
             assert_array_equal(one[0], every[line])
@@ -143,7 +154,7 @@ def test_limits_of_the_fit(
         found = fit_lines(xyz, turned)
         return found._replace(**{field: np.full(len(xyz), value)})
 
-    monkeypatch.setattr(profile_pattern, 'fit_lines', fit)
+    monkeypatch.setattr(profile_scanner, 'fit_lines', fit)
     assert (find_profile_pattern(Drive(5).points) is not None) == is_accepted
 
 

@@ -1,0 +1,469 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a profile scanner was, and the angle of its mirror, as its points show them.
+
+The mirror turns evenly, or it swings in each line, evenly or as a pendulum. So the angle of each
+shot is known from its time, up to a constant; and seen from the scanner, all points of a line are
+where these angles say, however far they are. How far a mirror swings is tried: the best fit counts.
+The scanner's position then shows which way it swings in a line.
+
+With x and y in the plane of a line, the scanner at s and a mirror angle φ + δ, each point says
+
+    (x - s_x) sin(φ + δ) = (y - s_y) cos(φ + δ)
+
+which is linear in sin δ, cos δ and two products of them with s.
+
+The first returns of lines drift with what is scanned, and so does a period taken from them. But a
+period that is wrong turns δ by as much in each line: that corrects it. The positions of lines show
+the velocity of the scanner, by which points of a line are moved to where they would be if it stood.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
+from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
+
+SAMPLES = 64  # returns of a line that show where the scanner is
+MIN_RETURNS = 32  # returns of a line, fewer show nothing
+MIN_KNOWN_SHARE = 0.5  # share of the lines whose own returns must show the scanner's position
+FITS = 3
+# Turns after which the drift of a wrong period is measured, one fit after the other.
+LAGS = (4, 16)
+SURE_SIGMAS = 2.0  # standard deviations: a smaller drift is none
+MOTION_LINES = 32  # lines that show one velocity
+MAD_TO_SIGMA = 1.4826
+MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
+MAX_OFF_STEPS = 0.5  # steps of the mirror that a typical return may be off its angle
+MAX_OFF_PLANE_RAD = 0.02  # rad that a typical return of a typical line may be off its plane
+MAX_SIGMA_M = 0.2  # m: standard deviation of the scanner's position
+POSITION_PARTS = (
+    1024.0  # parts of a metre, and of m/s, that positions and velocities are rounded to
+)
+PERIOD_PARTS = 16.0  # parts of a nanosecond that the period is rounded to
+MIN_RANGE_M = 0.01  # m: least range
+TINY = np.finfo(np.float64).tiny
+EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
+UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
+LINES_AT_ONCE = 256  # that a thread fits
+# Rad to either side that are tried, and then those between the two beside the best. From the air a
+# mirror swings less: there trees on the neighbours, which know such clouds, judge better.
+SWINGS = np.geomspace(0.8, 2.5, 25)
+SWING_LINES = 5  # the longest ones show how far a mirror swings
+ANGLE_PARTS = 2.0**30  # parts of a rad that angles of a swing are rounded to
+
+
+class Scanner(NamedTuple):
+    """Where a profile scanner was.
+
+    Attributes
+    ----------
+    position : (L, 3) float64
+        Of each line, metres.
+    turned : (N,) float64
+        Mirror angle of each point, sorted by line and time, since the same constant, rad.
+    moved : (N, 3) float64
+        How far the scanner was from the position of its line, metres.
+
+    """
+
+    position: Floats
+    turned: Floats
+    moved: Floats
+
+
+class TimedLines(NamedTuple):
+    """N points of L lines.
+
+    Attributes
+    ----------
+    xyz : (N, 3) as given, metres
+    t : (N,) of points in order, nanoseconds
+    order : (N,) by line and time
+    first : (L + 1,) where lines begin
+    rank : (L,) the order of the lines in time
+
+    """
+
+    xyz: Floats
+    t: Ints
+    order: Ints
+    first: Ints
+    rank: Ints
+
+    @property
+    def sizes(self) -> Ints:
+        """Count the returns of each line."""
+        return self.first[1:] - self.first[:-1]
+
+    @property
+    def begins(self) -> Ints:
+        """Return when lines begin, nanoseconds, in the order of time."""
+        return self.t[self.first[:-1]][self.rank]
+
+    def indices(self, part: Floats) -> Ints:
+        """Return where the returns at some parts (S,) of each line are in order (L, S)."""
+        return self.first[:-1, None] + (part * self.sizes[:, None]).astype(np.int64)
+
+
+class Fit(NamedTuple):
+    """The scanner's position, as some returns of each of L lines show it.
+
+    Attributes
+    ----------
+    position : (L, 3) float64
+        Metres.
+    off : (L,) float64
+        Median angle between a return and where the mirror pointed, rad; infinite where the returns
+        all lie where the scanner is.
+    unsure : (L,) float64
+        Standard deviation of the position, metres.
+    beam : (L, 2, 3) float64
+        Directions of the mirror at angles 0 and π/2.
+
+    """
+
+    position: Floats
+    off: Floats
+    unsure: Floats
+    beam: Floats
+
+
+class _Mirror(NamedTuple):
+    """How the mirror of a scanner turned, and how that moved.
+
+    Attributes
+    ----------
+    angle : (N,) of shots, rad
+    since : (N,) from the middle of a turn to each shot, ns
+    step : the usual angle between shots, rad
+    turns : (L,) the turn of each line
+    velocity : (L, 3) m/s
+    swings : whether it may go back
+
+    """
+
+    angle: Floats
+    since: Floats
+    step: float
+    turns: Floats
+    velocity: Floats
+    swings: bool
+
+
+def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
+    """Estimate where the scanner was; None where the points do not determine it.
+
+    ``threads``: maximum number of threads; 0: all cores.
+    """
+    if np.count_nonzero(lines.sizes >= MIN_RETURNS) < MIN_KNOWN_SHARE * len(lines.sizes):
+        return None
+    for find in (_turning_mirror, _swinging_mirror):
+        mirror = find(lines, threads)
+        scanner = None if mirror is None else _locate(lines, mirror, threads)
+        if scanner is not None:
+            return scanner
+    return None
+
+
+def _turning_mirror(lines: TimedLines, threads: int) -> _Mirror | None:
+    """Return the angles of a mirror that turns once in a line."""
+    period, velocity = median_of(np.diff(lines.begins)), np.zeros((len(lines.rank), 3))
+    some = lines.indices(EVENLY)
+    for lag in LAGS:
+        if not period > 0.0:
+            return None
+        turns = _turns(lines, period)
+        since = _since(lines, some, turns[:, None], period)
+        fit = _fit(_still(lines, some, since, velocity[:, None]), since * (TURN / period), threads)
+        shown = (lines.sizes >= MIN_RETURNS) & np.isfinite(fit.off)
+        known = lines.rank[shown[lines.rank]]
+        period *= 1.0 - _drift(fit.beam[known], turns[known], lag) / TURN
+        period = float(np.rint(period * PERIOD_PARTS) / PERIOD_PARTS)
+        velocity = _velocities(fit.position[known], turns[known], turns, period)
+    turns = _turns(lines, period)
+    since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
+    turned, step = since * (TURN / period), _usual_step(lines) * (TURN / period)
+    return _Mirror(turned - turned.min(), since, step, turns, velocity, swings=False)
+
+
+def _drift(beam: Floats, turns: Floats, lag: int) -> float:
+    """Return how far the mirror is ahead of its angle after each turn, rad; 0 if that is not sure.
+
+    ``beam`` (L, 2, 3) are the directions of angles 0 and π/2 in lines, in order of time.
+    """
+    lag = min(lag, len(turns) // 2)
+    if lag == 0:
+        return 0.0
+    (here, onward), there = np.moveaxis(beam[:-lag], 1, 0), beam[lag:, 0]
+    ahead = np.arctan2((there * onward).sum(axis=1), (there * here).sum(axis=1))
+    ahead /= turns[lag:] - turns[:-lag]
+    drift = median_of(ahead)
+    unsure = MAD_TO_SIGMA * median_of(np.abs(ahead - drift)) / np.sqrt(len(ahead))
+    return drift if abs(drift) > SURE_SIGMAS * unsure else 0.0
+
+
+def _velocities(position: Floats, when: Floats, turns: Floats, period: float) -> Floats:
+    """Return the velocity (L, 3) at turns (L,), m/s, by positions (K, 3) at some of them."""
+    second = period / SECOND
+    found, middle = [], []
+    for begin in range(0, max(len(when) - MOTION_LINES // 2, 1), MOTION_LINES):
+        # The last stretch is the longest, rather than too short to show anything.
+        end = begin + MOTION_LINES
+        part = slice(begin, end if end + MOTION_LINES // 2 < len(when) else None)
+        at, time = position[part], when[part] * second
+        lag = len(at) // 2
+        if lag > 0:
+            speed = (at[lag:] - at[:-lag]) / (time[lag:] - time[:-lag])[:, None]
+            found.append(np.median(speed, axis=0))
+            middle.append(float(time.mean()))
+    if not found:
+        return np.zeros((len(turns), 3))
+    columns = [np.interp(turns * second, middle, column) for column in zip(*found, strict=True)]
+    return np.rint(np.stack(columns, axis=1) * POSITION_PARTS) / POSITION_PARTS
+
+
+def _still(lines: TimedLines, some: Any, since: Floats, velocity: Floats) -> Floats:
+    """Return where some returns would be, had the scanner been where it is amid their turns."""
+    moved: Floats = lines.xyz[lines.order[some]] - velocity * (since / SECOND)[..., None]
+    return moved
+
+
+def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa: ARG001
+    """Return the angles of a mirror that swings once in a line, as if always the same way."""
+    # Where one end has no returns, every second line begins late.
+    pairs = lines.begins[2:] - lines.begins[:-2]
+    period = median_of(pairs) / 2.0
+    if not period > 0.0:
+        return None
+    turns = _turns(lines, period)
+    since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
+    swung = (since - (since.min() + since.max()) / 2.0) * (np.pi / period)
+    waves = np.sin(swung), swung * (2.0 / np.pi)
+    some = lines.indices(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
+    xyz = lines.xyz[lines.order[some]]
+    found = [_find_swing(xyz, wave[some]) for wave in waves]
+    swing, off = min(found, key=lambda one: one[1] / one[0])
+    step = _usual_step(lines) * (2.0 * swing / period)
+    if off > MAX_OFF_STEPS * step:
+        return None
+    angle = np.rint(swing * waves[found.index((swing, off))] * ANGLE_PARTS) / ANGLE_PARTS
+    return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
+
+
+def _find_swing(xyz: Floats, wave: Floats) -> tuple[float, float]:
+    """Find how far a mirror swings (L, S) at returns (L, S, 3); and how far off they are, then.
+
+    Both as an angle, rad; the less a mirror swings, the nearer are all returns to its angles.
+    """
+    tried = SWINGS
+    for _ in range(3):
+        angles = (tried[:, None, None] * wave).reshape(-1, SAMPLES)
+        fit = fit_lines(np.tile(xyz, (len(tried), 1, 1)), angles)
+        off = np.median(fit.off.reshape(len(tried), -1), axis=1) / tried
+        k = int(off.argmin())
+        swing, least = float(tried[k]), float(off[k])
+        tried = np.geomspace(tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)], len(tried))
+    return swing, least * swing
+
+
+def _turns(lines: TimedLines, period: float) -> Floats:
+    """Return which turn each line (L,) is."""
+    middle = lines.t[lines.first[:-1] + lines.sizes // 2][lines.rank]
+    # A line without returns leaves out a turn.
+    turns = np.empty(len(lines.rank))
+    turns[lines.rank] = np.cumsum([0.0, *np.maximum(np.rint(np.diff(middle) / period), 1.0)])
+    return turns
+
+
+def _since(lines: TimedLines, some: Any, turns: Floats, period: float) -> Floats:
+    """Return how long after the middle of their turns some returns are, ns."""
+    elapsed = (lines.t[some] - lines.begins[0]).astype(np.float64)
+    since: Floats = elapsed - (turns + 0.5) * period
+    return since
+
+
+def median_of(values: NDArray[Any]) -> float:
+    """Return the median of values, none of them NaN; 0 of none."""
+    some = values.astype(np.float64)
+    return median(some, len(some)) if len(some) else 0.0
+
+
+def _usual_step(lines: TimedLines) -> float:
+    """Return the median time between two shots, ns."""
+    elapsed = np.diff(lines.t)
+    return median_of(elapsed[elapsed > 0])
+
+
+def _fit(xyz: Floats, angle: Floats, threads: int) -> Fit:
+    """Fit the returns (L, S, 3) of all lines, at mirror angles (L, S)."""
+    parts = pool.run(lambda i, j: fit_lines(xyz[i:j], angle[i:j]), len(xyz), LINES_AT_ONCE, threads)
+    return Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
+    """Estimate where the scanner was; None where points do not lie at the mirror's angles."""
+    rank, velocity, count = lines.rank, mirror.velocity[:, None], len(lines.rank)
+    some = lines.indices(EVENLY)
+    still = _still(lines, some, mirror.since[some], velocity)
+    fit = _fit(still, mirror.angle[some], threads)
+    good = (
+        (fit.off <= MAX_OFF_STEPS * mirror.step)
+        & (fit.unsure <= MAX_SIGMA_M)
+        & (lines.sizes >= MIN_RETURNS)
+    )
+    if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:
+        return None
+    # Unevenly taken, because of rings in turn even steps would take always the same one.
+    some = lines.indices(UNEVENLY)
+    rays = _still(lines, some, mirror.since[some], velocity) - fit.position[:, None]
+    away = pool.run(
+        lambda i, j: off_plane(rays[i:j], mirror.angle[some[i:j]]), count, LINES_AT_ONCE, threads
+    )
+    if median_of(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
+        return None
+    known, when = good[rank], mirror.turns[rank]
+    found = np.empty((count, 3))
+    for axis in range(3):
+        found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
+    found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
+    moved = np.repeat(mirror.velocity, lines.sizes, axis=0) * (mirror.since / SECOND)[:, None]
+    if not mirror.swings:
+        return Scanner(found, mirror.angle, moved)
+    sense = _sense(lines.xyz[lines.order[lines.indices(EVENLY)]] - found[:, None], rank)
+    return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes), moved)
+
+
+def _sense(xyz: Floats, rank: Ints) -> Floats:
+    """Return which way the mirror turns in each line, 1 or -1, by its returns (L, S, 3)."""
+    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), MIN_RANGE_M)
+    axis = np.cross(ray[:, :-1], ray[:, 1:]).sum(axis=1)[rank]
+    sense = np.ones(len(rank))
+    sense[rank[1:]] = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    return sense
+
+
+@kernel
+def fit_lines(xyz: Floats, turned: Floats) -> Fit:
+    """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
+    lines, count = turned.shape
+    fit = Fit(np.empty((lines, 3)), np.empty(lines), np.empty(lines), np.empty((lines, 2, 3)))
+    centre, at, flat = np.empty(3), np.empty((3, count)), np.empty((4, count))
+    products, axes = np.empty((3, 3)), np.empty((3, 3))
+    for line in range(lines):
+        for i in range(3):
+            centre[i] = xyz[line, :, i].mean()
+            for m in range(count):
+                at[i, m] = xyz[line, m, i] - centre[i]
+        normal = _find_axes(at, products, axes)
+        east, north = axes[:, (normal + 1) % 3], axes[:, (normal + 2) % 3]
+        for m in range(count):
+            flat[0, m] = at[0, m] * east[0] + at[1, m] * east[1] + at[2, m] * east[2]
+            flat[1, m] = at[0, m] * north[0] + at[1, m] * north[1] + at[2, m] * north[2]
+            flat[2, m], flat[3, m] = np.sin(turned[line, m]), np.cos(turned[line, m])
+        # Which side of the plane is seen is not known: the mirror turns one way or the other.
+        for sense in (1.0, -1.0):
+            x, y, off, unsure, cosine, sine = _fit_plane(flat, sense)
+            if sense > 0 or off < fit.off[line]:
+                fit.position[line] = centre + x * east + y * north
+                fit.off[line], fit.unsure[line] = off, unsure
+                fit.beam[line, 0] = cosine * east + sine * north
+                fit.beam[line, 1] = sense * (cosine * north - sine * east)
+    return fit
+
+
+@device_function
+def _fit_plane(flat: Floats, sense: float) -> tuple[float, float, float, float, float, float]:
+    """Fit the position in a plane; return how far off returns are, and how unsure it is, too.
+
+    And the cosine and sine of δ. ``flat`` (4, S): the returns there, and the sines and cosines of
+    mirror angles.
+    """
+    count = flat.shape[1]
+    rows, products, axes = np.empty((4, count)), np.empty((4, 4)), np.empty((4, 4))
+    far, off, weight = np.empty(count), np.empty(count), np.ones(count)
+    east = north = square = error = second = along = a = b = 0.0
+    for _ in range(FITS):
+        for m in range(count):
+            x, y, cosine, w = flat[0, m], flat[1, m], flat[3, m], weight[m]
+            sine = sense * flat[2, m]
+            rows[0, m], rows[1, m] = w * (x * sine - y * cosine), w * (x * cosine + y * sine)
+            rows[2, m], rows[3, m] = -w * sine, w * cosine
+        least = _find_axes(rows, products, axes)
+        a, b, c, d = axes[0, least], axes[1, least], axes[2, least], axes[3, least]
+        along = 0.0
+        square = max(a * a + b * b, TINY)
+        east, north = (c * a - d * b) / square, (c * b + d * a) / square
+        for m in range(count):
+            residual = a * rows[0, m] + b * rows[1, m] + c * rows[2, m] + d * rows[3, m]
+            x, y = flat[0, m] - east, flat[1, m] - north
+            far[m] = np.sqrt(x * x + y * y)
+            sine, cosine = sense * flat[2, m], flat[3, m]
+            along += (x * (a * cosine - b * sine) + y * (b * cosine + a * sine)) * weight[m]
+            before, weight[m] = weight[m], 1.0 / max(far[m], MIN_WEIGHED_M)
+            off[m] = abs(residual) / before * weight[m]
+        error, products[least, least] = max(products[least, least], 0.0), np.inf
+        second = max(np.diag(products).min() * square, TINY)
+    # Points that all lie where the scanner is fit any angle.
+    shown = median(far, count) > MIN_RANGE_M
+    typical = median(off, count) / np.sqrt(square) if shown else np.inf
+    # Lines through the scanner have two ends: most returns are at that which the beam points to.
+    size = np.sqrt(square) if along >= 0.0 else -np.sqrt(square)
+    return east, north, typical, np.sqrt(error / (count * second)), a / size, b / size
+
+
+@kernel
+def off_plane(xyz: Floats, turned: Floats) -> Floats:
+    """Return how far S returns of each line (L, S, 3), from the scanner, are off a plane, rad.
+
+    The median of the distances from the best plane ÷ range. The plane may move steadily along its
+    normal as the mirror turns (L, S): a scanner that drives draws a screw.
+    """
+    lines, count = turned.shape
+    found, off, rows = np.empty(lines), np.empty(count), np.empty((5, count))
+    products, axes = np.empty((3, 3)), np.empty((3, 3))
+    for line in range(lines):
+        middle = turned[line].mean()
+        for m in range(count):
+            x, y, z = xyz[line, m]
+            weight = 1.0 / max(np.sqrt(x * x + y * y + z * z), MIN_WEIGHED_M)
+            rows[0, m], rows[1, m] = weight, weight * (turned[line, m] - middle)
+            rows[2, m], rows[3, m], rows[4, m] = weight * x, weight * y, weight * z
+        # What shift and drive explain is taken off.
+        for k in range(2):
+            size = max(_dot(rows[k], rows[k]), TINY)
+            for i in range(k + 1, 5):
+                part = _dot(rows[i], rows[k]) / size
+                for m in range(count):
+                    rows[i, m] -= part * rows[k, m]
+        normal = axes[:, _find_axes(rows[2:], products, axes)]
+        for m in range(count):
+            off[m] = abs(rows[2, m] * normal[0] + rows[3, m] * normal[1] + rows[4, m] * normal[2])
+        found[line] = median(off, count)
+    return found
+
+
+@device_function
+def _find_axes(rows: Floats, products: Floats, axes: Floats) -> int:
+    """Sum up products of rows (U, S), and turn them into axes; return which is the shortest."""
+    size = len(rows)
+    for i in range(size):
+        for j in range(i + 1):
+            products[i, j] = products[j, i] = _dot(rows[i], rows[j])
+    eigen(products, axes, size)
+    return find_least(products, size)
+
+
+@device_function
+def _dot(one: Floats, other: Floats) -> float:
+    """Sum up products; np.dot depends on the library beneath it."""
+    total = 0.0
+    for m in range(len(one)):
+        total += one[m] * other[m]
+    return total
