@@ -56,6 +56,7 @@ class CleanReport:
     crs, metres : the coordinate system, if the file names one, and metres per unit of coordinates
         in other units
     lines, lack : how scan lines were found, or why not
+    note : what is unusual about the columns of times and lines
     rings : number of rings recovered from elevations
     coarse : a warning that float32 coordinates are too far from the origin
     invalid : missing returns (NaN, Inf, all 0)
@@ -78,6 +79,7 @@ class CleanReport:
     metres: Mapping[str, float]
     lines: str
     lack: str
+    note: str
     rings: int
     coarse: str
     chain: tuple[str, ...]
@@ -261,6 +263,7 @@ def _report(
         metres=judged.metres,
         lines=loaded.lines,
         lack=loaded.lack,
+        note=loaded.note,
         rings=loaded.rings,
         coarse=coarse,
         chain=parameters.chain,

@@ -14,28 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
+from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.engine.chain import uses_lines
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain
+from lidar_outlier_filter.core.points import columns as usual
 from lidar_outlier_filter.core.points.mask import mask_of, masked
-from lidar_outlier_filter.core.points.points import (
-    INTENSITY_NAMES,
-    LINE_NAMES,
-    TIME_NAMES,
-    Points,
-    check_sigma,
-    guess_unit,
-    returns,
-    to_nanoseconds,
-    too_coarse,
-)
+from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
-TIMES = (GPS_TIME, *TIME_NAMES)
-INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # CloudCompare writes scalar_…
 EDGE, DIRECTION, RETURN = 'edge_of_flight_line', 'scan_direction_flag', 'return_number'
 ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
@@ -56,6 +46,8 @@ class Loaded:
         How scan lines were found; empty where the file has none.
     lack : str
         Why the file has no scan lines; empty if they were not requested.
+    note : str
+        What is unusual about its columns; empty: nothing.
     more : columns by name
         Further requested columns.
 
@@ -64,6 +56,7 @@ class Loaded:
     points: Points
     lines: str = ''
     lack: str = ''
+    note: str = ''
     more: Columns = field(default_factory=dict)
 
     @property
@@ -127,15 +120,17 @@ def load(  # noqa: PLR0913  which columns, and where to
     if timed is None:
         timed = uses_lines(parameters.chain)
     mask = mask_of(parameters)
-    ring = [] if mask is None else [_line_column(file, parameters, 'where there is a mask')]
+    ring = [] if mask is None else _line_columns(file, parameters, 'where there is a mask')
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))
     sizes = file.metres if metres is None else metres
     xyz, columns = _read(file, coordinates, others, sizes, allocate, progress)
     kept = {name: columns[name] for name in more}
     zeros = np.zeros(len(file), np.int64)
     points = Points(xyz, zeros, zeros, returns(xyz))
-    for name in ring:
-        rings = _line_numbers(columns[name], points.valid, name)
+    if ring:
+        name, _ = usual.choose(ring, usual.LINES, _fraction_in(columns, points.valid))
+        name = name or ring[0]
+        rings = usual.whole_numbers(columns[name], points.valid, f'column {name!r}')
         points = replace(masked(replace(points, line=rings), mask, parameters), line=zeros)
     found = Loaded(points)
     if timed:
@@ -181,89 +176,123 @@ def recovered(file: CloudFile, loaded: Loaded, found: Points) -> Loaded:
     """Take the rings that were found in a file without scan lines; read its intensities then."""
     if found.ring is None:
         return loaded
-    name = _named(file, 'auto', 'the intensity', INTENSITIES)
-    if name and file.columns[name].kind in 'iuf':
+    for name in _usual(file, usual.INTENSITIES)[:1]:
         parts = [values for (values,) in cloud_file.read(file, [name])]
         found = replace(found, intensity=np.concatenate(parts).astype(np.float32))
     return replace(loaded, points=found)
 
 
 def _timing(file: CloudFile, parameters: FilterParameters, *, timed: bool) -> list[str]:
-    """List the columns that may hold time, line and standard deviation."""
+    """List the columns that may hold time, line, standard deviation and intensity."""
     if not timed:
         return []
-    time = _named(file, parameters.time_field, 'time_field', TIMES)
-    sigma = parameters.sigma_field
-    named = [
-        time,
-        _named(file, parameters.line_field, 'line_field', LINE_NAMES),
-        parameters.angle_field and _named(file, parameters.angle_field, 'angle_field', ()),
-        sigma and _named(file, sigma, 'sigma_field', ()),
-        *(name for name in LAS_COLUMNS if time and name in file.columns),
+    times = _named(file, parameters.time_field, 'time_field', usual.TIMES)
+    others = ((parameters.angle_field, 'angle_field'), (parameters.sigma_field, 'sigma_field'))
+    return [
+        *times,
+        *_named(file, parameters.line_field, 'line_field', usual.LINES),
+        *(_named(file, name, parameter)[0] for name, parameter in others if name),
+        *(name for name in LAS_COLUMNS if times and name in file.columns),
+        *(_usual(file, usual.INTENSITIES)[:1] if reads(parameters, 'intensity') else ()),
     ]
-    return [name for name in named if name]
 
 
-def _line_column(file: CloudFile, parameters: FilterParameters, where: str = '') -> str:
-    """Name the column with the line or ring of each point; refuse a file without one."""
-    name = _named(file, parameters.line_field, 'line_field', LINE_NAMES)
-    if not name:
-        must_be = f'one of {", ".join(LINE_NAMES)}, or line_field given'
-        must_be += f', {where}' if where else ''
-        raise CloudError('the line column', must_be, f'the columns {", ".join(file.columns)}')
-    return name
+def _usual(file: CloudFile, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the columns of numbers that have one of these names, the best first."""
+    numbers = tuple(name for name, kind in file.columns.items() if kind.kind in 'iuf')
+    return usual.candidates(numbers, names)
 
 
-def _named(file: CloudFile, name: str, parameter: str, usual: Sequence[str]) -> str:
-    """Return the column that a parameter names; under 'auto' the first usual one, or none."""
+def _named(
+    file: CloudFile, name: str, parameter: str, names: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """Return the column that a parameter names; under 'auto' those of usual names."""
     if name == 'auto':
-        lower = {column.lower(): column for column in reversed(list(file.columns))}
-        return next((lower[one] for one in usual if one in lower), '')
+        return _usual(file, names)
     if name not in file.columns:
         must_be = f'a column of {file.path}: {", ".join(file.columns) or "none"}'
         raise CloudError(parameter, must_be, repr(name))
-    return name
+    return (name,)
+
+
+def _line_columns(file: CloudFile, parameters: FilterParameters, where: str = '') -> list[str]:
+    """Name the columns that may hold the line of each point; refuse a file without one."""
+    names = _named(file, parameters.line_field, 'line_field', usual.LINES)
+    if not names:
+        must_be = f'{usual.such_as(usual.LINES)}, or line_field given'
+        must_be += f', {where}' if where else ''
+        raise CloudError('the line column', must_be, f'the columns {", ".join(file.columns)}')
+    return list(names)
+
+
+def _fraction_in(columns: Columns, valid: Bools) -> Callable[[str], str]:
+    """Return what objects to a column as the number of lines."""
+    return lambda name: usual.not_whole(np.ma.getdata(columns[name]), valid)
 
 
 def _with_lines(
     file: CloudFile, points: Points, columns: Columns, parameters: FilterParameters, size: float
 ) -> Loaded:
-    """Add time, line and standard deviation (``size`` metres per unit) if the columns hold them."""
-    time = _named(file, parameters.time_field, 'time_field', TIMES)
-    if not time:
-        return Loaded(points, lack='no column with the time of each point')
-    values, unit = np.ma.getdata(columns[time]), parameters.time_unit
-    if (points.valid & np.ma.getmaskarray(columns[time])).any():
-        raise CloudError('the time of a point', 'finite and within 73 years', np.nan)
-    if unit == 'auto':
-        # A text table has no integer type.
-        said = file.columns[time]
-        kind = said if said.kind == 'f' else values.dtype
-        sizes = np.abs(values[points.valid].astype(np.float64))
-        unit = 's' if time.lower() == GPS_TIME else guess_unit(kind, sizes)
-    t = to_nanoseconds(values, points.valid, unit)
-    line, found_by = _lines(file, points.valid, t, columns, parameters)
+    """Add time, line and what is known of each point (``size`` metres per unit of sigma)."""
+    t, time, notes = _times(file, points.valid, columns, parameters)
+    if t is None:
+        return Loaded(points, lack='no column with the time of each point', note='; '.join(notes))
+    line, found_by, more = _lines(file, points.valid, t, columns, parameters)
+    note = '; '.join(notes + more)
     if line is None:
-        return Loaded(points, lack='no column that says its scan lines')
-    sigma = None
+        return Loaded(points, lack='no column that says its scan lines', note=note)
+    sigma = intensity = None
     if name := parameters.sigma_field:
         sigma = cloud_file.filled(columns[name]).astype(np.float64) * size
         check_sigma(sigma, points.valid, f'column {name!r}')
-    timed = replace(points, t=t, line=line, sigma=sigma)
-    return Loaded(timed, f'{time} ({unit}) and {found_by}')
+    for name in _usual(file, usual.INTENSITIES)[:1] if reads(parameters, 'intensity') else ():
+        intensity = cloud_file.filled(columns[name]).astype(np.float32)
+    timed = replace(points, t=t, line=line, sigma=sigma, intensity=intensity)
+    return Loaded(timed, f'{time} and {found_by}', note=note)
+
+
+def _times(
+    file: CloudFile, valid: Bools, columns: Columns, parameters: FilterParameters
+) -> tuple[Ints | None, str, list[str]]:
+    """Return the time of each point, nanoseconds, its column and unit, and notes on columns."""
+    names = _named(file, parameters.time_field, 'time_field', usual.TIMES)
+    name, notes = names[0] if names else '', list[str]()
+    if parameters.time_field == 'auto':
+        name, notes = usual.choose(
+            names,
+            usual.TIMES,
+            lambda one: usual.too_coarse_times(np.ma.getdata(columns[one]), valid),
+        )
+    if not name:
+        return None, '', notes
+    if (valid & np.ma.getmaskarray(columns[name])).any():
+        raise CloudError('the time of a point', 'finite and within 73 years', np.nan)
+    values, unit = usual.unwrapped(np.ma.getdata(columns[name]), valid), parameters.time_unit
+    if unit == 'auto' and file.classes and name == GPS_TIME:
+        unit = 's'  # by the standard, however few points are left
+    if unit == 'auto':
+        # A text table has no integer type.
+        said = file.columns[name]
+        kind = said if said.kind == 'f' else values.dtype
+        unit, note, _ = usual.find_unit(values[valid], kind, name)
+        notes += [note] * bool(note)
+    return usual.to_nanoseconds(values, valid, unit), f'{name} ({unit})', notes
 
 
 def _lines(
     file: CloudFile, valid: Bools, t: Ints, columns: Columns, parameters: FilterParameters
-) -> tuple[Ints | None, str]:
-    """Find the scan lines as ``line_source`` says; return them, and the column that shows them."""
+) -> tuple[Ints | None, str, list[str]]:
+    """Find the scan lines as ``line_source`` says; return their column, too, and notes on it."""
     source = parameters.line_source
     if source not in {'auto', 'field', 'angle'}:
         raise CloudError('line_source', "'auto', 'field' or 'angle' for a file", repr(source))
-    field = _named(file, parameters.line_field, 'line_field', LINE_NAMES)
-    if source == 'field' or (field and source != 'angle'):
-        field = _line_column(file, parameters)
-        return _line_numbers(columns[field], valid, field), field
+    names = _named(file, parameters.line_field, 'line_field', usual.LINES)
+    name, notes = names[0] if names else '', list[str]()
+    if parameters.line_field == 'auto' and source != 'angle':
+        name, notes = usual.choose(names, usual.LINES, _fraction_in(columns, valid))
+    if source == 'field' or (name and source != 'angle'):
+        name = name or _line_columns(file, parameters)[0]
+        return usual.whole_numbers(columns[name], valid, f'column {name!r}'), name, notes
     angle = parameters.angle_field
     if source == 'angle' and not angle:
         angle = next((name for name in ANGLES if name in columns), '')
@@ -271,18 +300,7 @@ def _lines(
             must_be = f'one of {", ".join(ANGLES)}, or angle_field given'
             raise CloudError('the angle column', must_be, f'the columns {", ".join(file.columns)}')
     plain = {name: cloud_file.filled(values) for name, values in columns.items()}
-    return find_lines(t, plain, angle)
-
-
-def _line_numbers(line: NDArray[Any], valid: Bools, name: str) -> Ints:
-    """Return the line of each point; 0 for a missing return that has none."""
-    values = np.ma.getdata(line)
-    whole = ~np.ma.getmaskarray(line)
-    if values.dtype.kind == 'f':
-        whole &= np.isfinite(values) & (values == np.floor(values))
-    if not whole[valid].all():
-        raise CloudError(f'column {name!r}', 'of whole numbers', 'others')
-    return np.where(whole, values, 0).astype(np.int64)
+    return *find_lines(t, plain, angle), notes
 
 
 def find_lines(t: Ints, columns: Columns, angle: str = '') -> tuple[Ints | None, str]:

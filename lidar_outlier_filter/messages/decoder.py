@@ -4,7 +4,7 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,21 +12,10 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.detectors.registry import reads
+from lidar_outlier_filter.core.points import columns
 from lidar_outlier_filter.core.points.line_recovery import Claim
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
-from lidar_outlier_filter.core.points.points import (
-    INTENSITY_NAMES,
-    LINE_NAMES,
-    NANOSECONDS,
-    SECOND,
-    TIME_NAMES,
-    Points,
-    check_sigma,
-    guess_unit,
-    returns,
-    to_nanoseconds,
-    too_coarse,
-)
+from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
@@ -49,7 +38,8 @@ class Convention:
     line_source: str
     line_field: str | None
     warning: str = ''
-    is_final: bool = True  # False while all times are 0, which leaves the unit open
+    is_final: bool = True  # False while all times are 0, which leaves unit and reference open
+    unit_is_known: bool = True  # False while times are too few to show it
     claim: Claim | None = None  # what time and geometry shall confirm; None: lines are as given
 
     @property
@@ -172,12 +162,18 @@ class Decoder:
     def _convention(self, view: Rows, valid: Bools) -> Convention | None:
         """Return the convention of this layout; None until it has a valid point."""
         found = self._conventions.get(view.dtype)
-        if found is not None and (found.is_final or not valid.any()):
+        is_final = found is not None and found.is_final
+        if found is not None and ((is_final and found.unit_is_known) or not valid.any()):
             return found
         if found is None and len(self._conventions) == MAX_LAYOUTS:
             must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
             raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
-        return self._detect(view, valid) if valid.any() else None
+        if not valid.any():
+            return None
+        new = self._detect(view, valid)
+        if found is None or not is_final or new.time_unit != found.time_unit:
+            return new
+        return replace(found, unit_is_known=new.unit_is_known)
 
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Keep the convention for later clouds of this layout, and report it once."""
@@ -186,7 +182,7 @@ class Decoder:
         self._conventions[dtype] = convention
         if previous is None or str(previous) != str(convention):
             self._inform(str(convention))
-        if previous is None and convention.warning:
+        if convention.warning and (previous is None or previous.warning != convention.warning):
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.warning}')
 
@@ -200,34 +196,42 @@ class Decoder:
     def _detect(self, view: Rows, valid: Bools) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
-        warnings, is_final = [], True
-        time_field = _choose(view, parameters.time_field, TIME_NAMES, 'time_field', 'iuf')
+        warnings, is_final, is_known = [], True, True
+        time_field, notes = _choose(view, valid, parameters, 'time_field')
+        warnings += notes
         unit, absolute = parameters.time_unit, parameters.time_reference == 'absolute'
         if time_field is None:
             if parameters.points_per_second == 0:
-                must_be = f'one of {", ".join(TIME_NAMES)}, or time_field or points_per_second set'
+                must_be = (
+                    f'{columns.such_as(columns.TIMES)}, or time_field or points_per_second set'
+                )
                 raise CloudError('the time field', must_be, f'the fields {names}')
             rate = parameters.points_per_second
             warnings.append(f'no time field: times follow from points_per_second {rate:g}')
         else:
-            values = np.abs(_column(view, time_field)[valid].astype(np.float64))
-            is_final = 'auto' not in {unit, parameters.time_reference} or bool(values.any())
-            unit = guess_unit(view.dtype[time_field], values) if unit == 'auto' else unit
+            values = _column(view, time_field)[valid]
+            largest = float(np.nanmax(np.abs(values.astype(np.float64)), initial=0))
+            is_final = 'auto' not in {unit, parameters.time_reference} or largest > 0
+            if unit == 'auto':
+                unit, note, is_known = columns.find_unit(values, view.dtype[time_field], time_field)
+                warnings += [note] * bool(note)
             if parameters.time_reference == 'auto':
-                largest = float(np.nanmax(values, initial=0))
-                absolute = largest * NANOSECONDS[unit] > 10 * SECOND
+                absolute = largest * columns.NANOSECONDS[unit] > 10 * SECOND
         source, line_field = parameters.line_source, None
         if source in {'auto', 'field'}:
-            line_field = _choose(view, parameters.line_field, LINE_NAMES, 'line_field', 'iu')
+            line_field, notes = _choose(view, valid, parameters, 'line_field')
+            warnings += notes
         if source == 'field' and line_field is None:
-            must_be = 'one of ' + ', '.join(LINE_NAMES)
+            must_be = columns.such_as(columns.LINES)
             raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
             if source == 'row':
                 warnings.append('no line field: each row is a scan line (line_source)')
         warning, claim = '; '.join(warnings), self._claim(source, line_field, time_field)
-        found = Convention(time_field, unit, absolute, source, line_field, warning, is_final, claim)
+        found = Convention(
+            time_field, unit, absolute, source, line_field, warning, is_final, is_known, claim
+        )
         if self._mask is not None and not found.has_rings:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
         return found
@@ -248,14 +252,16 @@ class Decoder:
             step = height * SECOND / self.parameters.points_per_second
             offset: Ints = np.rint(column * step).astype(np.int64)
             return offset + _nanoseconds(stamp)
-        t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
+        values = columns.unwrapped(_column(view, convention.time_field), valid)
+        t = columns.to_nanoseconds(values, valid, convention.time_unit)
         start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
         return np.asarray(np.where(valid, t + start, 0))
 
     def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:
         height, width = view.shape
         if convention.line_source == 'field':
-            return np.asarray(_column(view, str(convention.line_field)).astype(np.int64))
+            name = str(convention.line_field)
+            return columns.whole_numbers(_column(view, name), valid, f'field {name!r}')
         if convention.line_source == 'row':
             return np.repeat(np.arange(height), width)
         if convention.line_source == 'message':
@@ -265,7 +271,7 @@ class Decoder:
     def _angle(self, view: Rows, xyz: Floats) -> Floats:
         parameters = self.parameters
         if parameters.angle_field:
-            angle = _named(view, parameters.angle_field, 'angle_field', 'iuf').astype(np.float64)
+            angle = _named(view, parameters.angle_field, 'angle_field').astype(np.float64)
             return np.deg2rad(angle) if parameters.angle_unit == 'deg' else angle
         first, second = (AXES.index(axis) for axis in parameters.angle_plane)
         return np.arctan2(xyz[:, second], xyz[:, first])
@@ -274,15 +280,15 @@ class Decoder:
         """Return the intensity field, if it exists and a detector uses it."""
         if not reads(self.parameters, 'intensity'):
             return None
-        name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')
+        name, _ = columns.choose(_numbers(view), columns.INTENSITIES)
         with np.errstate(over='ignore'):  # larger than float32: inf
-            return None if name is None else _column(view, name).astype(np.float32)
+            return _column(view, name).astype(np.float32) if name else None
 
     def _sigma(self, view: Rows, valid: Bools) -> Floats | None:
         name = self.parameters.sigma_field
         if not name:
             return None
-        sigma = _named(view, name, 'sigma_field', 'iuf').astype(np.float64)
+        sigma = _named(view, name, 'sigma_field').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 
@@ -305,24 +311,38 @@ def _column(view: Rows, name: str) -> NDArray[Any]:
     return np.asarray(view[name]).reshape(-1)
 
 
-def _named(view: Rows, name: str, parameter: str, kinds: str) -> NDArray[Any]:
+def _named(view: Rows, name: str, parameter: str) -> NDArray[Any]:
     """Return the field that a parameter names; refuse the cloud if it is absent or not numeric."""
     names = view.dtype.names or ()
     if name not in names:
         must_be = 'one of the fields ' + ', '.join(names)
         raise CloudError(f'{parameter} {name!r}', must_be, 'none of them')
-    if view.dtype[name].kind not in kinds:
-        must_be = 'a single number' if 'f' in kinds else 'a single whole number'
-        raise CloudError(f'field {name!r}', must_be, str(view.dtype[name]))
+    if view.dtype[name].kind not in 'iuf':
+        raise CloudError(f'field {name!r}', 'a single number', str(view.dtype[name]))
     return _column(view, name)
 
 
+def _numbers(view: Rows) -> list[str]:
+    """Return the fields of one number each."""
+    return [name for name in view.dtype.names or () if view.dtype[name].kind in 'iuf']
+
+
 def _choose(
-    view: Rows, name: str, common: tuple[str, ...], parameter: str, kinds: str
-) -> str | None:
-    """Return the name of a field: the given one, or with 'auto' the first common one present."""
+    view: Rows, valid: Bools, parameters: FilterParameters, parameter: str
+) -> tuple[str | None, list[str]]:
+    """Return the field of times or lines, and notes on those that are not used.
+
+    It is the one that the parameter names; with 'auto' one of a usual name, None if there is none.
+    """
+    name = parameters.value(parameter)
     if name != 'auto':
-        _named(view, name, parameter, kinds)
-        return name
-    names = view.dtype.names or ()
-    return next((n for n in common if n in names and view.dtype[n].kind in kinds), None)
+        _named(view, name, parameter)
+        return name, []
+    if parameter == 'time_field':
+        usual, objection = columns.TIMES, columns.too_coarse_times
+    else:
+        usual, objection = columns.LINES, columns.not_whole
+    found, notes = columns.choose(
+        _numbers(view), usual, lambda name: objection(_column(view, name), valid)
+    )
+    return found or None, notes

@@ -70,8 +70,8 @@ class FilterParameters:
     )
     time_unit: str = declare(
         'auto',
-        'Unit of the time field; auto: by its type and size.',
-        choices=('auto', 's', 'us', 'ns'),
+        'Unit of the time field; auto: by its type and size, and the interval from point to point.',
+        choices=('auto', 's', 'ms', 'us', 'ns'),
         fixed=True,
     )
     time_reference: str = declare(

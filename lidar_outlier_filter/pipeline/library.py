@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
+from lidar_outlier_filter.core.points import columns as usual
 from lidar_outlier_filter.core.points.mask import mask_of, masked
-from lidar_outlier_filter.core.points.points import Points, is_return, to_nanoseconds
+from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
@@ -121,6 +122,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     intensity: ArrayLike | None = None,
     chain: str | Sequence[str] | None = None,
     parameters: FilterParameters | Mapping[str, object] | None = None,
+    inform: Callable[[str], object] = str,
+    warn: Callable[[str], object] = str,
 ) -> Verdict:
     """Find the outliers of a single cloud, judging all its points together.
 
@@ -130,8 +133,9 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         Coordinates, metres. Missing returns (NaN, Inf, or all three 0) are kept; their score is
         NaN. Structured arrays and PointCloud2 have times, rings and intensities as fields.
     t : (N,) array, optional
-        Time of each point: floats are seconds, integers are nanoseconds.
-    line : (N,) array of integers, optional
+        Time of each point, in the unit ``time_unit``; 'auto': floats are seconds, integers are
+        nanoseconds, unless only another unit makes sense of the steps from point to point.
+    line : (N,) array of whole numbers, optional
         Scan line of each point: a ring, or the number of a profile scanner's revolution.
     intensity : (N,) array, optional
         Intensity of each point, in any unit; NaN if unknown.
@@ -140,6 +144,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         ``boosted_trees``, the default, uses them if they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
         Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` have no effect here.
+    inform, warn : callable, optional
+        Called with sentences on how the cloud is read, as those of :class:`CloudFilter`.
 
     Returns
     -------
@@ -168,7 +174,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
 
     """
     settings = with_defaults(parameters, chain)
-    points, reason = _decode(xyz, {'t': t, 'line': line, 'intensity': intensity}, settings)
+    columns = {'t': t, 'line': line, 'intensity': intensity}
+    points, reason = _decode(xyz, columns, settings, inform, warn)
     if reason:
         check_chain(settings.chain, 'the cloud', reason)
         zeros = np.zeros(len(points), np.int64)
@@ -177,16 +184,20 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
 
 
 def _decode(
-    cloud: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
+    cloud: Any,
+    columns: Mapping[str, ArrayLike | None],
+    parameters: FilterParameters,
+    inform: Callable[[str], object],
+    warn: Callable[[str], object],
 ) -> tuple[Points, str]:
     """Convert a cloud to points; also return why they have no scan lines ('' if they do)."""
     is_array = isinstance(cloud, np.ndarray)
     if not hasattr(cloud, 'fields') and not (is_array and cloud.dtype.names is not None):
-        return _from_arrays(cloud, columns, parameters)
+        return _from_arrays(cloud, columns, parameters, warn)
     for name, values in columns.items():
         if values is not None:
             raise CloudError(name, 'a field of the cloud', 'a separate array')
-    decoder = Decoder(parameters)
+    decoder = Decoder(parameters, inform, warn)
     # Within one cloud the reference of its times has no effect.
     points = decoder.decode(as_message(cloud, 0 if is_array else None))
     convention = decoder.convention
@@ -199,7 +210,10 @@ def _decode(
 
 
 def _from_arrays(
-    xyz: Any, columns: Mapping[str, ArrayLike | None], parameters: FilterParameters
+    xyz: Any,
+    columns: Mapping[str, ArrayLike | None],
+    parameters: FilterParameters,
+    warn: Callable[[str], object],
 ) -> tuple[Points, str]:
     """Convert plain arrays to points; see :func:`_decode`."""
     for name in FIELDS:
@@ -207,23 +221,26 @@ def _from_arrays(
         if value not in {'', 'auto'}:
             must_be = 'unset for an array without fields'
             raise ParameterError(name, must_be, repr(value))
-    array = _numeric('xyz', xyz, 'iuf')
+    array = _numeric('xyz', xyz)
     if array.ndim != 2 or array.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', array.shape)
     xyz, count = np.ascontiguousarray(array, np.float64), len(array)
     t, line, intensity = (
-        None if values is None else _column(name, values, 'iu' if name == 'line' else 'iuf', count)
-        for name, values in columns.items()
+        None if values is None else _column(name, values, count) for name, values in columns.items()
     )
     mask = mask_of(parameters)
     if mask is not None and line is None:
         raise CloudError('line', 'the ring of each point if mask is set', 'none')
     valid, zeros = is_return(xyz), np.zeros(count, np.int64)
-    unit = 's' if t is not None and t.dtype.kind == 'f' else 'ns'
+    unit = parameters.time_unit
+    if t is not None and unit == 'auto':
+        unit, note, _ = usual.find_unit(t[valid], t.dtype, 't')
+        if note:
+            warn(f'among the arrays there is {note}')
     points = Points(
         xyz,
-        zeros if t is None else to_nanoseconds(t, valid, unit),
-        zeros if line is None else line.astype(np.int64),
+        zeros if t is None else usual.to_nanoseconds(t, valid, unit),
+        zeros if line is None else usual.whole_numbers(line, valid, 'line'),
         valid,
         intensity=None if intensity is None else intensity.astype(np.float32),
     )
@@ -231,25 +248,24 @@ def _from_arrays(
     return masked(points, mask, parameters), reason
 
 
-def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:
-    array = _numeric(name, values, kinds)
+def _column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    array = _numeric(name, values)
     if array.shape != (count,):
         must_be = f'({count},), as xyz has {count} points'
         raise CloudError(f'the shape of {name}', must_be, array.shape)
     return array
 
 
-def _numeric(name: str, values: Any, kinds: str) -> NDArray[Any]:
-    """Convert to a numeric array; ``kinds`` are the allowed values of ``dtype.kind``."""
-    must_be = 'an array of numbers' if 'f' in kinds else 'an array of integers'
+def _numeric(name: str, values: Any) -> NDArray[Any]:
+    """Convert to an array of numbers."""
+    must_be = 'an array of numbers'
     if isinstance(values, np.ma.MaskedArray):
         raise CloudError(name, f'{must_be} without a mask', 'a masked array')
     try:
         array = np.asarray(values)
     except ValueError as err:
         raise CloudError(name, must_be, 'rows of different lengths') from err
-    # NumPy converts an empty list to floats.
-    if array.dtype.kind not in kinds and array.size:
+    if array.dtype.kind not in 'iuf' and array.size:
         raise CloudError(name, must_be, f'{array.dtype}')
     return array
 

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
+from lidar_outlier_filter.core.points.columns import INTENSITIES, candidates
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.labels import LABEL, CloudLabels, read_codes_of
 from lidar_outlier_filter.files import points as columns
@@ -25,12 +26,12 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.cloud_topic import MessageTimes
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud, RecordedClouds
 
-# Columns that a page shows of a point and saves, and their names in clouds, in small letters.
+# Columns that a page shows of a point and saves, and their usual names.
 SAVED = {
-    'intensity': columns.INTENSITIES,
+    'intensity': INTENSITIES,
     'class': (columns.CLASSIFICATION,),
     'gps_time': ('gps_time',),
-    'return_number': ('return_number', 'returnnumber'),
+    'return_number': ('return_number',),
     **{name: (name,) for name in ('red', 'green', 'blue')},
 }
 MAX_GAPS = 50  # that are listed
@@ -243,9 +244,9 @@ Source = RecordedSource | FileSource  # clouds that can be judged several times
 
 def saved_columns(names: Iterable[str]) -> dict[str, str]:
     """Find the columns of ``SAVED`` among names."""
-    lower = {name.lower(): name for name in names}
-    found = {name: [lower[one] for one in usual if one in lower] for name, usual in SAVED.items()}
-    return {name: there[0] for name, there in found.items() if there}
+    there = tuple(names)
+    found = {name: candidates(there, usual) for name, usual in SAVED.items()}
+    return {name: those[0] for name, those in found.items() if those}
 
 
 def _unit_name(size: float) -> str:

@@ -106,7 +106,10 @@ def test_time_is_not_asked_for(tmp_path: Path) -> None:
         ({'time_field': 'when'}, "time_field must be a column of {}: x, y, z, t, s, got 'when'"),
         ({'line_field': 'row'}, "line_field must be a column of {}: x, y, z, t, s, got 'row'"),
         ({'line_field': 's'}, "column 's' must be of whole numbers, got others"),
-        ({'line_source': 'field'}, 'the line column must be one of ring, channel, line, laser_id'),
+        (
+            {'line_source': 'field'},
+            'the line column must be of a usual name, such as ring',
+        ),
         ({'line_source': 'row'}, "line_source must be 'auto', 'field' or 'angle' for a file, got"),
         ({'line_source': 'angle'}, 'the angle column must be one of scan_angle, scan_angle_rank'),
         ({'angle_field': 'phi', 'line_source': 'angle'}, 'angle_field must be a column of {}'),

@@ -94,7 +94,7 @@ def test_range(name: str, low: float, high: float, kind: type) -> None:
 SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'block': 0}, 'block must be from 0.001 to 60 s, got 0.0'),
     ({'time_field': 5}, 'time_field must be a string, got 5'),
-    ({'time_unit': 'ms'}, "time_unit must be one of 'auto', 's', 'us', 'ns', got 'ms'"),
+    ({'time_unit': 'min'}, "time_unit must be one of 'auto', 's', 'ms', 'us', 'ns', got 'min'"),
     ({'chain': 3}, 'chain must be a list of strings, got 3'),
     ({'chain': []}, 'chain must be a list, without repetition, of one of '),
     ({'chain': ['alpha_beta_gamma'] * 2}, "got ['alpha_beta_gamma', 'alpha_beta_gamma']"),

@@ -230,7 +230,7 @@ REFUSALS: list[tuple[type[FilterError], Any, dict[str, Any], str]] = [
     (CloudError, MASKED, {}, 'xyz must be an array of numbers without a mask, got a masked'),
     (CloudError, XYZ, {'t': T[1:]}, 'the shape of t must be (100,), as xyz has 100 points, got'),
     (CloudError, XYZ, {'line': 3}, 'the shape of line must be (100,), as xyz has 100 points, got'),
-    (CloudError, XYZ, {'line': LINE / 2}, 'line must be an array of integers, got float64'),
+    (CloudError, XYZ, {'line': LINE + 0.5}, 'line must be of whole numbers, got others'),
     (CloudError, XYZ, {'t': T * np.nan}, 'the time of a point must be finite and within 73 years'),
     (CloudError, TABLE, {'t': T[:9]}, 't must be a field of the cloud, got a separate ar'),
     (CloudError, TABLE[['x', 'y']], {}, 'the fields must be with x, y and z, got x, y'),

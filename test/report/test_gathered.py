@@ -23,12 +23,12 @@ from lidar_outlier_filter.cli.evaluate import read_recording
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.columns import INTENSITIES
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
-from lidar_outlier_filter.files.points import INTENSITIES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import CLOUD

@@ -19,7 +19,8 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from lidar_outlier_filter.core.annotations import Bools, Ints
-from lidar_outlier_filter.core.points.points import LONGEST, NANOSECONDS, Points, to_nanoseconds
+from lidar_outlier_filter.core.points.columns import NANOSECONDS, to_nanoseconds
+from lidar_outlier_filter.core.points.points import LONGEST, Points
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.messages.cloud import is_empty
 from lidar_outlier_filter.messages.decoder import Convention, Decoder

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
-from lidar_outlier_filter.core.points.points import INTENSITY_NAMES, NANOSECONDS, Points
+from lidar_outlier_filter.core.points.columns import INTENSITIES, NANOSECONDS
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -120,7 +121,7 @@ class LabelledCloud:
         """Learn what its intensities and ranges mean; return reflectances (N,), of all points."""
         there, distance = points.valid, points.range
         result = np.full(self.count, TYPICAL)
-        for name in self._numbers(INTENSITY_NAMES):
+        for name in self._numbers(INTENSITIES):
             values = self.column(name).astype(np.float64)
             fine = there & np.isfinite(values)
             self._curves[name] = Brightness(distance[fine], values[fine])
