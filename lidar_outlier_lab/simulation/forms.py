@@ -26,9 +26,11 @@ from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, lay_
 from lidar_outlier_lab.simulation.world.drive import (
     Disturbances,
     Drive,
-    join,
+    Returns,
+    about,
+    gather,
+    merge,
     second_echoes,
-    simulate,
 )
 from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.recording import FRAME, OWN_FRAME, START, Cloud
@@ -42,7 +44,7 @@ SHOTS = 1000  # of a turn
 LINES = 180
 YAW = np.radians(45.0)
 SPEED = 9.0  # metres per second
-UTM = (450_000.0, 5_400_000.0, 100.0)
+UTM, FAR = (450_000.0, 5_400_000.0, 100.0), (2000.0, 0.0, 0.0)  # metres
 GPS_WEEK = 1_749_945_600 * SECOND  # when the week of ``START`` began, nanoseconds
 COPIED = 0.9  # share of the shots that dual mode publishes twice
 LONGEST_ODD = 3.7  # turns of a message that is cut at odd places
@@ -94,7 +96,6 @@ COLUMNS: dict[str, tuple[str, Callable[[Part], Any]]] = {
     'return_number': ('<u1', lambda part: part.echo),
     'scan_angle': ('<f4', lambda part: part.points['scan_angle']),
 }
-TEN = 10 * SHOTS
 
 
 @dataclass(frozen=True)
@@ -104,9 +105,11 @@ class Form:
     Attributes
     ----------
     sentence : what the form is
-    shots : of a message; 0: cut at odd places
+    turns : of a message; 0: cut at odd places
+    packet : shots of a message, instead
     columns : beside x, y, z and the truth: ``name`` or ``name=column``, a key of ``COLUMNS``
-    together, tick : shots that have one time, that of the first; nanoseconds of the clock's steps
+    together, tick : shots that have one time, that of the first, 0: all of a line; nanoseconds of
+        the clock's steps
     rows : an organised cloud, whose rows are turns
     offset, xyz : is added to x, y, z, metres; their type
     own : in the sensor's frame, at the moment of each shot
@@ -117,8 +120,9 @@ class Form:
     """
 
     sentence: str
-    shots: int = TEN
     columns: str = 'intensity t line'
+    turns: int = 10
+    packet: int = 0
     together: int = 1
     tick: int = 1
     rows: bool = False
@@ -130,80 +134,69 @@ class Form:
     echoes: str = 'one'
 
 
-PLAIN = 'intensity t'
-_MAP_FORMS = {
+PLAIN, ECHOES = 'intensity t', 'intensity t line return_number'
+PACKET, DATAGRAM = 384, 9984  # shots
+_FORMS = {
     # How it is cut
     'line': Form('running line number, 10 turns a message'),
-    'turn': Form('one turn a message, no line field', SHOTS, PLAIN),
-    'turns_10': Form('10 turns a message, no line field', TEN, PLAIN),
-    'turns_25': Form('25 turns a message, no line field', 25 * SHOTS, PLAIN),
-    'second': Form('one second a message, no line field', 150 * SHOTS, PLAIN),
-    'packets_line': Form('packets of 384 shots, line number', 384),
-    'packets': Form('packets of 384 shots, no line field', 384, PLAIN),
-    'odd': Form('cut at odd places, no line field', 0, PLAIN),
+    'turn': Form('one turn a message, no line field', PLAIN, turns=1),
+    'turns_10': Form('10 turns a message, no line field', PLAIN),
+    'turns_25': Form('25 turns a message, no line field', PLAIN, turns=25),
+    'second': Form('one second a message, no line field', PLAIN, turns=150),
+    'packets_line': Form('packets of 384 shots, line number', packet=PACKET),
+    'packets': Form('packets of 384 shots, no line field', PLAIN, packet=PACKET),
+    'odd': Form('cut at odd places, no line field', PLAIN, turns=0),
     # Lines numbered afresh
-    'afresh': Form('line 0 to 9 in each message', columns='intensity t line=line_of_message'),
-    'rows': Form('organised, rows are turns, no line field', TEN, PLAIN, rows=True),
+    'afresh': Form('line 0 to 9 in each message', 'intensity t line=line_of_message'),
+    'rows': Form('organised, rows are turns, no line field', PLAIN, rows=True),
     # Coordinates
     'utm': Form('UTM, float64', offset=UTM, xyz='<f8'),
-    'utm_turns_10': Form('UTM, float64, no line field', TEN, PLAIN, offset=UTM, xyz='<f8'),
-    'far': Form('2000 m from the origin, float32', offset=(2000.0, 0.0, 0.0)),
-    'far_turns_10': Form('the same, no line field', TEN, PLAIN, offset=(2000.0, 0.0, 0.0)),
+    'utm_turns_10': Form('UTM, float64, no line field', PLAIN, offset=UTM, xyz='<f8'),
+    'far': Form('2000 m from the origin, float32', offset=FAR),
+    'far_turns_10': Form('2000 m from the origin, no line field', PLAIN, offset=FAR),
     # Shared times
-    'time_of_line': Form('one time a line, line number', together=SHOTS),
-    'time_of_24': Form('24 shots share a time, line number', 9984, together=24),
-    'time_of_24_plain': Form('24 shots share a time, no line field', 9984, PLAIN, 24),
-    'time_of_384': Form('384 shots share a time, line number', 9984, together=384),
-    'time_of_384_plain': Form('384 shots share a time, no line field', 9984, PLAIN, 384),
-    'ticks': Form('clock of 25 µs, no line field', TEN, PLAIN, tick=25_000),
+    'time_of_line': Form('one time a line, line number', together=0),
+    'time_of_24': Form('24 shots share a time, line number', packet=DATAGRAM, together=24),
+    'time_of_24_plain': Form('the same, no line field', PLAIN, packet=DATAGRAM, together=24),
+    'time_of_384': Form('384 shots share a time, line number', packet=DATAGRAM, together=384),
+    'time_of_384_plain': Form('the same, no line field', PLAIN, packet=DATAGRAM, together=384),
+    'ticks': Form('clock of 25 µs, no line field', PLAIN, tick=25_000),
     # Names and units
-    'gps_time': Form('gps_time: seconds of the week', columns='intensity gps_time=gps'),
-    'GPSTime': Form('GPSTime: seconds of the week', columns='intensity GPSTime=gps'),
-    'Time': Form('Time: seconds after the stamp', columns='intensity Time=seconds'),
-    'stamps': Form('stamps, as laser_geometry', SHOTS, 'intensity stamps=seconds'),
-    'unix_us': Form('unix time in µs, float64', columns='intensity timestamp=unix_us line'),
-    'milliseconds': Form('ms after the stamp, float32', columns='intensity time=milliseconds line'),
-    'ring_0': Form('ring = 0 for all', columns='intensity t ring=zero'),
-    'ring_packet': Form('ring = number of the packet', 384, 'intensity t ring=number'),
-    'line_float': Form('line number as float32', columns='intensity t line=line_float'),
-    'line_byte': Form('line number % 256', columns='intensity t line=line_byte'),
-    'profile': Form('line number named profile', columns='intensity t profile=line'),
-    'scan_line': Form('line number named scan_line', columns='intensity t scan_line=line'),
-    'scan_angle': Form('scan_angle, no line field', TEN, 'intensity t scan_angle'),
+    'gps_time': Form('seconds of the GPS week, float64', 'intensity gps_time=gps'),
+    'GPSTime': Form('the same, in capitals', 'intensity GPSTime=gps'),
+    'Time': Form('seconds after the stamp, float32', 'intensity Time=seconds'),
+    'stamps': Form('as laser_geometry, one turn a message', 'intensity stamps=seconds', turns=1),
+    'unix_us': Form('unix time in µs, float64', 'intensity timestamp=unix_us line'),
+    'milliseconds': Form('ms after the stamp, float32', 'intensity time=milliseconds line'),
+    'ring_0': Form('ring = 0 for all', 'intensity t ring=zero'),
+    'ring_packet': Form('ring = number of the packet', 'intensity t ring=number', packet=PACKET),
+    'line_float': Form('line number as float32', 'intensity t line=line_float'),
+    'line_byte': Form('line number % 256', 'intensity t line=line_byte'),
+    'profile': Form('line number named profile', 'intensity t profile=line'),
+    'scan_line': Form('line number named scan_line', 'intensity t scan_line=line'),
+    'scan_angle': Form('scan_angle, no line field', 'intensity t scan_angle'),
     # Several returns of a shot
-    'copies': Form(
-        'dual mode, most shots twice', columns='intensity t line return_number', echoes='copies'
-    ),
-    'echoes': Form(
-        'second echoes, line number', columns='intensity t line return_number', echoes='second'
-    ),
-    'echoes_plain': Form(
-        'second echoes, no line field', columns='intensity t return_number', echoes='second'
-    ),
+    'copies': Form('dual mode, most shots twice', ECHOES, echoes='copies'),
+    'echoes': Form('second echoes, line number', ECHOES, echoes='second'),
+    'echoes_plain': Form('second echoes, no line', 'intensity t return_number', echoes='second'),
     # Other scanners, each with the good form first
-    'heads_line': Form(
-        'two heads, all lines numbered', 2 * TEN, 'intensity t line=line_of_heads', heads=2
-    ),
-    'heads_field': Form(
-        'two heads, field head, no line field', 2 * TEN, 'intensity t head', heads=2
-    ),
-    'heads_field_line': Form(
-        'two heads, field head, lines of each', 2 * TEN, 'intensity t head line', heads=2
-    ),
-    'heads': Form('two heads, not told apart', 2 * TEN, PLAIN, heads=2),
+    'heads_line': Form('two heads, lines of both', 'intensity t line=line_of_heads', heads=2),
+    'heads_field': Form('two heads, field head, no line field', 'intensity t head', heads=2),
+    'heads_field_line': Form('two heads, field head, line', 'intensity t head line', heads=2),
+    'heads': Form('two heads, not told apart', PLAIN, heads=2),
     'stands_line': Form('a vehicle that stands, line number', drive='stands'),
-    'stands': Form('a vehicle that stands, no line field', TEN, PLAIN, drive='stands'),
+    'stands': Form('a vehicle that stands, no line field', PLAIN, drive='stands'),
     'swings_line': Form('swinging mirror, line number', drive='swings'),
-    'swings': Form('swinging mirror, no line field', TEN, PLAIN, drive='swings'),
+    'swings': Form('swinging mirror, no line field', PLAIN, drive='swings'),
     'facets_line': Form('four facets, a line each', drive='facets'),
-    'facets': Form('four facets, no line field', TEN, PLAIN, drive='facets'),
+    'facets': Form('four facets, no line field', PLAIN, drive='facets'),
 }
 _OWN = ('line', 'turn', 'turns_10', 'packets', 'odd', 'afresh', 'rows', 'stands', 'facets')
 FORMS = MappingProxyType(
-    _MAP_FORMS
+    _FORMS
     | {
         f'{name}_own': replace(form, sentence=f"{form.sentence}; sensor's frame", own=True)
-        for name, form in _MAP_FORMS.items()
+        for name, form in _FORMS.items()
         if name in _OWN
     }
 )
@@ -232,28 +225,37 @@ def _stands(drive: Drive) -> Drive:
     return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),), (0.0, LANES[0], 0.0)))
 
 
-def _mirror(**how: Any) -> Callable[[Drive], Drive]:
-    return lambda drive: replace(drive, sensor=replace(drive.sensor, **how))
+def _swings(drive: Drive) -> Drive:
+    return replace(drive, sensor=replace(drive.sensor, view=np.radians(200.0), swings=True))
 
 
 def _facets(drive: Drive) -> Drive:
-    """Let four facets look down 120° each, the shots as many as before."""
+    """Let four facets look down 120° each; as many shots as before."""
     sensor, four = drive.sensor, 4
-    shots, rate = sensor.shots_per_line // four, four * sensor.lines_per_second
-    facets = {'view': np.radians(120.0), 'shots_per_line': shots, 'lines_per_second': rate}
-    return replace(_mirror(**facets)(drive), lines=four * drive.lines)
+    facets = replace(
+        sensor,
+        view=np.radians(120.0),
+        shots_per_line=sensor.shots_per_line // four,
+        lines_per_second=four * sensor.lines_per_second,
+    )
+    return replace(drive, sensor=facets, lines=four * drive.lines)
 
 
 # What is changed in a street's drive
 DRIVES: dict[str, Callable[[Drive], Drive]] = {
     'street': lambda drive: drive,
     'stands': _stands,
-    'swings': _mirror(view=np.radians(200.0), swings=True),
+    'swings': _swings,
     'facets': _facets,
 }
 
 
-def form_clouds(name: str, seed: int = 1, draw: Callable[[int], Drive] = street) -> Iterator[Cloud]:
+def form_clouds(
+    name: str,
+    seed: int = 1,
+    draw: Callable[[int], Drive] = street,
+    share: float | None = None,
+) -> Iterator[Cloud]:
     """Send a drive of a profile scanner in a form; the same seed has the same returns in all.
 
     Parameters
@@ -261,23 +263,29 @@ def form_clouds(name: str, seed: int = 1, draw: Callable[[int], Drive] = street)
     name : one of ``FORMS``
     seed : from 0
     draw : makes the drive of a seed
+    share : of the strongest returns that are outliers; None: as the drive has it
 
     Raises
     ------
     FilterError
-        If there is no such form.
+        If there is no such form, or the drive cannot have such a share.
 
     """
     if name not in FORMS:
         raise FilterError('the form', f'one of {", ".join(FORMS)}', name)
-    form = FORMS[name]
-    seen = _seen(draw, seed, form.drive, own=form.own, heads=form.heads, echoes=form.echoes)
-    turn = seen.shot // seen.shots_per_line
-    clock = seen.shot // form.together * form.together * seen.interval + seen.late
+    yield from send(FORMS[name], seed, draw, share)
+
+
+def send(
+    form: Form, seed: int, draw: Callable[[int], Drive], share: float | None = None
+) -> Iterator[Cloud]:
+    """Do as :func:`form_clouds`, in any form."""
+    seen = _seen(draw, seed, form.drive, share, own=form.own, heads=form.heads, echoes=form.echoes)
+    together = form.together or seen.shots_per_line
+    clock = seen.shot // together * together * seen.interval + seen.late
     clock -= clock % form.tick
-    frame = OWN_FRAME if form.own else FRAME
-    ends = _ends(form, seen, seed)
-    for number, (begin, end) in enumerate(pairwise([0, *ends])):
+    turn, frame = seen.shot // seen.shots_per_line, OWN_FRAME if form.own else FRAME
+    for number, (begin, end) in enumerate(pairwise([0, *_ends(form, seen, seed)])):
         inside = slice(*np.searchsorted(seen.time, (begin, end)))
         part = Part(
             *(column[inside] for column in (seen.points, seen.shot, seen.head, seen.echo, clock)),
@@ -288,15 +296,14 @@ def form_clouds(name: str, seed: int = 1, draw: Callable[[int], Drive] = street)
         )
         rows = _rows(form, part)
         if form.rows:
-            shape = (form.shots // seen.shots_per_line, seen.shots_per_line)
-            rows = _organised(rows, part, shape)
+            rows = _organised(rows, part, (form.turns, seen.shots_per_line))
         yield Cloud(START + part.begin, START + end, rows, frame=frame)
 
 
 class _Seen(NamedTuple):
     """All N returns of a drive in the order of ``time``, nanoseconds; see :class:`Part`.
 
-    ``late`` is how much later the shots of a head come than those of the first.
+    ``late`` is how much later the shots of a head come than those of the first, nanoseconds.
     """
 
     points: Rows
@@ -306,47 +313,62 @@ class _Seen(NamedTuple):
     echo: Ints
     late: Ints
     shots: int
+    shots_per_turn: int
     shots_per_line: int
     interval: int
 
 
 @lru_cache(maxsize=4)
 def _seen(  # noqa: PLR0913  what makes the returns
-    draw: Callable[[int], Drive], seed: int, kind: str, *, own: bool, heads: int, echoes: str
+    draw: Callable[[int], Drive],
+    seed: int,
+    kind: str,
+    share: float | None,
+    *,
+    own: bool,
+    heads: int,
+    echoes: str,
 ) -> _Seen:
     """Simulate what a drive measures."""
-    drive = replace(DRIVES[kind](draw(seed)), in_own_frame=own)
+    base = draw(seed)
+    drive = replace(DRIVES[kind](base), in_own_frame=own)
     sensor, parts = drive.sensor, []
     for head in range(heads):
         turned = replace(sensor, yaw=-sensor.yaw if head else sensor.yaw)
         one = replace(drive, sensor=turned, seed=drive.seed + head)
-        returns = [join([block for _, block in simulate(one)])]
-        if echoes == 'second':
-            returns.append(second_echoes(one, returns[0].shot))
-        elif echoes == 'copies':
-            lot = np.random.default_rng([seed, STREAM, 1]).random(len(returns[0].shot))
-            returns.append(returns[0].take(lot < COPIED))
-        parts += [(head, echo, *some) for echo, some in enumerate(returns, 1)]
+        block = gather(one)
+        first = merge(block.clean, block.spoilt) if share is None else about(block, share)
+        parts += [(head, echo, *some) for echo, some in _echoes(one, first, echoes)]
     head, echo = (np.concatenate([np.full(len(p[2]), p[i]) for p in parts]) for i in (0, 1))
     shot, points = (np.concatenate([p[i] for p in parts]) for i in (2, 3))
     late = head * (sensor.interval // 2)
     time = shot * sensor.interval + late
     order = np.lexsort((echo, time))
-    columns = (points, time, shot, head, echo, late)
-    measures = (drive.shots, sensor.shots_per_line, sensor.interval)
-    return _Seen(*(column[order] for column in columns), *measures)
+    columns = (column[order] for column in (points, time, shot, head, echo, late))
+    turn = base.sensor.shots_per_line
+    return _Seen(*columns, drive.shots, turn, sensor.shots_per_line, sensor.interval)
+
+
+def _echoes(drive: Drive, first: Returns, echoes: str) -> Iterator[tuple[int, Returns]]:
+    """Yield the returns of the shots: their first ones, their second ones, with their number."""
+    yield 1, first
+    if echoes == 'second':
+        yield 2, second_echoes(drive, first.shot)
+    elif echoes == 'copies':
+        lot = np.random.default_rng([drive.seed, STREAM, 1]).random(len(first.shot))
+        yield 2, first.take(lot < COPIED)
 
 
 def _ends(form: Form, seen: _Seen, seed: int) -> list[int]:
     """Return when each message ends, nanoseconds after the first shot."""
     end = seen.shots * seen.interval
-    if form.shots:
-        step = form.shots * seen.interval // form.heads
-        return [*range(step, end, step), end]
+    if form.turns or form.packet:
+        # A packet holds the shots of all heads.
+        step = form.packet // form.heads or form.turns * seen.shots_per_turn
+        return [*range(step * seen.interval, end, step * seen.interval), end]
     rng = np.random.default_rng([seed, STREAM, 2])
-    most = int(LONGEST_ODD * seen.shots_per_line)
-    lengths = rng.integers(1, most, 2 * seen.shots // most + 100)
-    ends = np.cumsum(lengths) * seen.interval
+    most = int(LONGEST_ODD * seen.shots_per_turn)
+    ends = np.cumsum(rng.integers(1, most, 2 * seen.shots // most + 100)) * seen.interval
     return [*ends[ends < end].tolist(), end]
 
 
