@@ -21,7 +21,7 @@ from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
 from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
-from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, SpinningScanner
+from lidar_outlier_lab.simulation.world.sensors import Echoes, ProfileScanner, SpinningScanner
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory
 
 IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
@@ -262,20 +262,46 @@ def _meet(drive: Drive, rays: Rays, rng: np.random.Generator) -> _Shots:
     scene, sensor = drive.scene, drive.sensor
     hits = scene.cast(rays)
     echoes = sensor.receive(hits, scene.reflectance[hits.surface])
+    shots, how = _echoed(scene, echoes), drive.disturbances
+    if how.glass or how.wet:
+        part = np.where(np.isfinite(shots.distance), echoes.part, ROUND)
+        kind, good = shots.kind, (shots.cause == Cause.GOOD) & (part % PANE != ROUND)
+        fresnel = how.wet * (1.0 - echoes.cosine) ** 5
+        chance = np.where(kind == Kind.GLASS, how.glass, np.where(kind == Kind.ROAD, fresnel, 0.0))
+        _mirror(drive, rays, shots, part % PANE, good & (rng.random(len(chance)) < chance))
+    return shots
+
+
+def _echoed(scene: Scene, echoes: Echoes) -> _Shots:
+    """Say of echoes what they are of."""
     pane = (echoes.part >= PANE).astype(np.intp)
     kind, cause = scene.kinds[echoes.surface, pane], scene.causes[echoes.surface]
     # Between leaves everything is mixed, and nobody would call it wrong.
     cause[echoes.mixed & (cause == Cause.GOOD) & (kind != Kind.FOLIAGE)] = Cause.MIXED
     bright = scene.reflectance[echoes.surface] * echoes.cosine
-    shots = _Shots(echoes.distance, echoes.cosine, bright, kind, cause)
-    how = drive.disturbances
-    if how.glass or how.wet:
-        part = np.where(np.isfinite(shots.distance), echoes.part, ROUND)
-        good = (cause == Cause.GOOD) & (part % PANE != ROUND)
-        fresnel = how.wet * (1.0 - echoes.cosine) ** 5
-        chance = np.where(kind == Kind.GLASS, how.glass, np.where(kind == Kind.ROAD, fresnel, 0.0))
-        _mirror(drive, rays, shots, part % PANE, good & (rng.random(len(chance)) < chance))
-    return shots
+    return _Shots(echoes.distance, echoes.cosine, bright, kind, cause)
+
+
+def second_echoes(drive: Drive, shot: Ints) -> Returns:
+    """Give those of some shots whose light comes back from two distances a second point each.
+
+    It is the second strongest echo, of the surfaces alone; ``shot`` is in order.
+    """
+    found, step = [], drive.sensor.block
+    for first in range(0, drive.shots, step):
+        some = shot[slice(*np.searchsorted(shot, (first, first + step)))]
+        rays = drive.rays(some)
+        hits = drive.scene.cast(rays)
+        hits = replace(hits, distance=drive.sensor.without_strongest(hits.distance))
+        shots = _echoed(
+            drive.scene, drive.sensor.receive(hits, drive.scene.reflectance[hits.surface])
+        )
+        rng = np.random.default_rng([drive.seed, first // step, 2])
+        noise, glitter = rng.standard_normal((2, len(some)))
+        seen = np.flatnonzero(_is_inside(drive, shots.distance))
+        points = _points(drive, some, rays, shots, noise, glitter, seen)
+        found.append(Returns(some[seen], points))
+    return join(found)
 
 
 def _mirror(drive: Drive, rays: Rays, shots: _Shots, axis: Ints, mirrored: Bools) -> None:

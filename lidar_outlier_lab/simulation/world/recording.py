@@ -26,7 +26,7 @@ from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_lab.simulation.world.drive import Drive, Returns, simulate
 
 TOPIC = '/lidar/points'
-FRAME = 'map'
+FRAME, OWN_FRAME = 'map', 'lidar'  # of the scene, and of the scanner
 START = 1_750_000_000 * SECOND  # when a drive begins, nanoseconds
 
 
@@ -64,7 +64,7 @@ def messages(
     """
     sensor = drive.sensor
     step = lines_per_message * sensor.shots_per_line
-    frame = 'lidar' if drive.in_own_frame else FRAME
+    frame = OWN_FRAME if drive.in_own_frame else FRAME
     first, end, held = 0, 0, Returns(np.zeros(0, np.int64), np.zeros(0, sensor.point))
 
     def cut(last: int) -> Cloud:
@@ -85,21 +85,22 @@ def messages(
 
 
 def to_message(stamp: int, points: Rows, frame: str = FRAME) -> PointCloud2:
-    """Make a cloud of points."""
+    """Make a cloud of points, (N,) or (height, width)."""
+    height, width = points.shape if points.ndim > 1 else (1, len(points))
     columns: Mapping[str, Any] = points.dtype.fields or {}
     return PointCloud2(
         header=Header(Time(*divmod(stamp, SECOND)), frame),
-        height=1,
-        width=len(points),
+        height=height,
+        width=width,
         fields=[
             PointField(name, offset, DATATYPES[dtype.str[1:]], 1)
             for name, (dtype, offset, *_) in columns.items()
         ],
         is_bigendian=False,
         point_step=points.dtype.itemsize,
-        row_step=points.dtype.itemsize * len(points),
-        data=points.view(np.uint8),
-        is_dense=True,
+        row_step=points.dtype.itemsize * width,
+        data=points.reshape(-1).view(np.uint8),
+        is_dense=height == 1,
     )
 
 
@@ -148,6 +149,7 @@ def write(
             message = to_message(cloud.stamp, cloud.points, cloud.frame)
             data = bytes(store.serialize_cdr(message, name))
             recording.write(channels[cloud.topic], cloud.sent, data)
-            causes += np.bincount(cloud.points['label'], minlength=256)
+            there = np.isfinite(cloud.points['x'])
+            causes += np.bincount(cloud.points['label'][there], minlength=256)
             progress(cloud)
     return by_cause(causes)

@@ -124,6 +124,20 @@ class Receiver:
         distance = np.where(seen, safe, np.inf)
         return Echoes(distance, cosine, np.where(seen, surface, -1), part, mixed & seen)
 
+    def without_strongest(self, distance: Floats) -> Floats:
+        """Return distances (N, K) of rays without the group that gives the strongest echo."""
+        order = distance.argsort(axis=1, kind='stable')
+        there = np.take_along_axis(distance, order, axis=1)
+        inside = np.isfinite(there)
+        steps = np.diff(np.where(inside, there, 0.0), axis=1) > self.pulse
+        group = np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))
+        groups = np.arange(distance.shape[1])[:, None, None]
+        sizes = ((group == groups) & inside).sum(axis=2)
+        there[group == sizes.argmax(axis=0)[:, None]] = np.inf
+        left = np.empty_like(distance)
+        np.put_along_axis(left, order, there, axis=1)
+        return left
+
     def _rims(self, centre: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats]:
         """Origins and directions (3, N, 1 + sub_rays) of beams around (3, N) directions.
 
@@ -173,7 +187,8 @@ class ProfileScanner(Receiver):
 
     The axis points along the drive, turned left by ``yaw`` and up by ``tilt`` (rad), so that
     neither kerbs nor poles lie in the scan plane. With ``numbers_lines`` each point carries the
-    number of its line, else only its angle.
+    number of its line, else only its angle. A mirror with facets, or one that swings to and fro,
+    looks ``view`` rad around straight down in each line.
     """
 
     lines_per_second: float = 200.0
@@ -181,6 +196,8 @@ class ProfileScanner(Receiver):
     yaw: float = np.radians(45.0)
     tilt: float = np.radians(15.0)
     numbers_lines: bool = False
+    view: float = 2.0 * np.pi
+    swings: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a shot rate that is not a whole number of nanoseconds."""
@@ -216,8 +233,11 @@ class ProfileScanner(Receiver):
 
     def angle(self, shot: Ints) -> Floats:
         """Scan angle of shots counted from the start of the drive, 0 (up) to 2π."""
-        step = 2.0 * np.pi / self.shots_per_line
-        return step * (shot % self.shots_per_line).astype(np.float64)
+        step, number = self.view / self.shots_per_line, shot % self.shots_per_line
+        if self.swings:
+            back = shot // self.shots_per_line % 2 == 1
+            number = np.where(back, self.shots_per_line - 1 - number, number)
+        return (np.pi - self.view / 2.0) + step * number.astype(np.float64)
 
     def bundle(self, shot: Ints) -> tuple[Floats, Floats]:
         """Origins and directions (3, N, 1 + sub_rays) from the scanner, vehicle's frame."""
