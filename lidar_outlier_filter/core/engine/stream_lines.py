@@ -22,7 +22,6 @@ from lidar_outlier_filter.core.points.line_recovery import (
 from lidar_outlier_filter.core.points.points import SECOND, concatenate
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-
 MAX_HELD_POINTS = 4_000_000  # where times do not advance, so many points decide
 MAX_PAUSE_NS = 2 * SECOND  # after a longer pause the mirror may be anywhere: decided anew
 

@@ -78,7 +78,7 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     step = float(np.median(elapsed[elapsed > 0])) if (elapsed > 0).any() else 0.0
     least = max(MIN_PERIOD_NS, MIN_TURN_RETURNS * step)
     most = min(MAX_PERIOD_NS, float(t[-1] - t[0]) / MIN_TURNS)
-    if not 0 < step or not least < most:
+    if not step > 0 or not least < most:
         return None
     pairs = _Pairs(t, xyz, step)
     count = int(np.log(most / least) / np.log(LAG_RATIO)) + 1

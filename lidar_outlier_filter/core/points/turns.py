@@ -66,7 +66,7 @@ class TurnCounter:
         widest = int(gaps.argmax())
         off = 0.0
         # Without a return on one side, where the gap ends does not show.
-        if 0 < high - low and gaps[widest] >= MIN_GAP_TURNS * self.period:
+        if high - low > 0 and gaps[widest] >= MIN_GAP_TURNS * self.period:
             off = (float(edges[widest]) + float(edges[widest + 1])) / 2.0 - begin
         decided = self.mirror.period
         drifted = self.period + PERIOD_GAIN * off
