@@ -26,11 +26,11 @@ from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
-EDGE, DIRECTION, RETURN = 'edge_of_flight_line', 'scan_direction_flag', 'return_number'
+EDGE, DIRECTION = 'edge_of_flight_line', 'scan_direction_flag'
 ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
 MIRROR = (EDGE, DIRECTION, *ANGLES)
-LAS_COLUMNS = (*MIRROR, RETURN, *SOURCES)
+LAS_COLUMNS = (*MIRROR, *SOURCES)
 ANGLE_NOISE = 12  # a step smaller than this part of the angle's span may be noise
 
 
@@ -321,8 +321,7 @@ def find_lines(t: Ints, columns: Columns, angle: str = '') -> tuple[Ints | None,
     Returns
     -------
     line : (N,) int64 or None
-        Numbers of the lines; first, second and later returns have separate lines. None if no column
-        ends lines.
+        Numbers of the lines; all returns of a shot are on one. None if no column ends lines.
     found_by : str
         The column whose changes end the lines.
 
@@ -340,9 +339,6 @@ def find_lines(t: Ints, columns: Columns, angle: str = '') -> tuple[Ints | None,
         if begins.any():
             line = np.empty(len(order), np.int64)
             line[order] = np.cumsum(begins | source_begins, dtype=np.int64)
-            if RETURN in columns:
-                number = columns[RETURN].astype(np.int64)
-                line = line * (int(number.max(initial=0)) + 1) + number
             return line, name
     return None, ''
 

@@ -270,8 +270,8 @@ def test_a_named_angle_decides_alone(tmp_path: Path) -> None:
         assert groups(found.points.line) == [0, 0, 0, 1, 1, 1, 2, 2]
 
 
-def test_sources_and_returns_are_apart(tmp_path: Path) -> None:
-    """Flight lines that overlap in time, channels, and the returns of a shot have own lines."""
+def test_sources_are_apart_and_returns_together(tmp_path: Path) -> None:
+    """Flight lines that overlap in time have own lines; all returns of a shot are on one."""
     path = las(
         tmp_path,
         gps_time=np.array([0, 0, 1, 1, 2, 2, 3, 3]),
@@ -279,7 +279,7 @@ def test_sources_and_returns_are_apart(tmp_path: Path) -> None:
         point_source_id=np.array([8, 9, 8, 9, 8, 9, 8, 9]),
         return_number=np.array([1, 1, 1, 1, 1, 1, 1, 2]),
     )
-    assert groups(loaded(path).points.line) == [0, 1, 0, 1, 2, 3, 2, 4]
+    assert groups(loaded(path).points.line) == [0, 1, 0, 1, 2, 3, 2, 3]
 
 
 def test_no_scan_lines(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.scan_lines import Lines
+from lidar_outlier_filter.core.points.scan_lines import Lines, Returns
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 Known = TypeVar('Known')
@@ -91,26 +91,57 @@ class DetectorInput:
     def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:
         """Give scan lines, some at a time, to a detector that judges each line by itself.
 
+        It sees one return of each shot: first all first ones; then, in the lines that have such,
+        each later return in the place of the first, to be judged in its turn. What lies where
+        another return of its shot lies gets its score.
+
         Parameters
         ----------
         detect : of points that are sorted by line and time, and of their lines
 
         """
-        points = self.points
-        order = scan_lines.order_by_line(points)
+        order = scan_lines.order_by_line(self.points)
         # A profile scanner's points come in this order: a copy less.
         unchanged = scan_lines.is_unchanged(order)
-        ordered = points if unchanged else points.take(order)
-        first = scan_lines.line_starts(ordered.line)
-        score = np.empty(len(points))
+        ordered = self.points if unchanged else self.points.take(order)
+        returns = scan_lines.find_returns(ordered)
+        if returns is None:
+            found = self._by_lines(ordered, detect)
+        else:
+            found = self._by_returns(ordered, returns, detect)
+        if unchanged:
+            return found
+        score = np.empty(len(order))
+        score[order] = found.score
+        return Scores(score, passes=found.passes)
+
+    def _by_returns(
+        self, ordered: Points, returns: Returns, detect: Callable[[Points, Lines], Scores]
+    ) -> Scores:
+        """Judge first returns, then later ones in their places."""
+        number, shot, original = returns
+        index = np.arange(len(ordered))
+        firsts, score, passes = np.flatnonzero(shot == index), np.empty(len(ordered)), 0
+        for n in range(int(number.max()) + 1):
+            asked = np.flatnonzero((number == n) & (original == index))
+            series = firsts[np.isin(ordered.line[firsts], ordered.line[asked])]
+            place = np.searchsorted(series, shot[asked])
+            series[place] = asked
+            found = self._by_lines(ordered.take(series), detect)
+            score[asked], passes = found.score[place], max(passes, found.passes)
+        return Scores(score[original], passes=passes)
+
+    def _by_lines(self, ordered: Points, detect: Callable[[Points, Lines], Scores]) -> Scores:
+        """Judge points that are sorted by line and time, some lines at a time."""
+        first, score = scan_lines.line_starts(ordered.line), np.empty(len(ordered))
 
         def work(begin: int, end: int) -> int:
             part = slice(first[begin], first[end])
             some = ordered.take(part)
             found = detect(some, scan_lines.find_lines(some, self.gap_factor))
-            score[part if unchanged else order[part]] = found.score
+            score[part] = found.score
             return found.passes
 
         count = len(first) - 1
-        chunk = max(1, -(-count * POINTS_AT_ONCE // max(len(points), 1)))
+        chunk = max(1, -(-count * POINTS_AT_ONCE // max(len(ordered), 1)))
         return Scores(score, passes=max(pool.run(work, count, chunk, self.threads), default=0))

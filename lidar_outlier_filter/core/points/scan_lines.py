@@ -3,6 +3,7 @@
 """Points → scan lines → line segments (Leslar 2010, section 3)."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from lidar_outlier_filter.core.points.points import Points
 # of near points are rounded.
 NOISE = np.pi / 6
 FEW_LINES = 1024  # that go back in time: more are sorted at once
+MAX_RETURNS = 15  # of a shot
+MAX_SHARED = 1.5  # points of a line ÷ its times, from which on points share times, not shots
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
@@ -83,6 +86,51 @@ def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.zeros(1, np.int64)
     inner = np.flatnonzero(line[1:] != line[:-1]) + 1
     return np.concatenate(([0], inner, [len(line)])).astype(np.int64)
+
+
+class Returns(NamedTuple):
+    """Which points, sorted by line and time, are returns of the same shots.
+
+    Attributes
+    ----------
+    number : (N,) int64
+        Of each point among the returns of its shot, in the order given, from 0.
+    shot : (N,) int64
+        The first return of its shot.
+    original : (N,) int64
+        The return of its shot that lies where each point lies; most often the point itself.
+
+    """
+
+    number: NDArray[np.int64]
+    shot: NDArray[np.int64]
+    original: NDArray[np.int64]
+
+
+def find_returns(points: Points) -> Returns | None:
+    """Find shots with several returns; None where no points of a line share a time.
+
+    Points are sorted by line and time. Where most points of a line share their times with others,
+    elsewhere, the clock is too coarse to tell shots apart: then each point is a shot.
+    """
+    follows = (points.line[1:] == points.line[:-1]) & (points.t[1:] == points.t[:-1])
+    if not follows.any():
+        return None
+    index, begins = np.arange(len(points)), np.append([True], ~follows)
+    shot = np.maximum.accumulate(np.where(begins, index, 0))
+    original = index.copy()
+    for back in range(1, MAX_RETURNS):
+        later = np.flatnonzero(index - shot >= back)
+        same = later[(points.xyz[later] == points.xyz[later - back]).all(axis=1)]
+        original[same] = same - back
+    new = original == index
+    line = np.cumsum(np.append([0], points.line[1:] != points.line[:-1]))
+    coarse = np.bincount(line, new) > MAX_SHARED * np.bincount(line, begins)
+    coarse |= np.bincount(line, index - shot >= MAX_RETURNS) > 0
+    alone = coarse[line]
+    shot[alone], original[alone] = index[alone], index[alone]
+    number = np.cumsum(original == index)
+    return Returns(number - number[shot], shot, original)
 
 
 def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:

@@ -6,15 +6,17 @@ The lines stand for a spinning sensor's rings, and the angle of the mirror for t
 azimuth. Points may be in any frame: the scanner's position, and the angle of its mirror, are
 estimated from them.
 
+Several scanners may measure at once, each of them line after line: their patterns lie one behind
+the other. All returns of a shot have its angle.
 """
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     OrderedLines,
     Pattern,
@@ -28,13 +30,17 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     MIN_RANGE_M,
     MIN_RETURNS,
     SAMPLES,
+    Scanner,
     TimedLines,
     find_scanner,
     median_of,
 )
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN, Turned, leave_out_copies
 
-MIN_LINES = 2
+MIN_LINES = 2  # of a scanner
+MAX_RUNS = 64  # of line numbers that follow each other in time
+MAX_OVERLAP = 0.1  # share of the time of a scanner's lines in which it also measures the next one
+APART_RAD = 1e5  # rad from the angles of one scanner to those of the next: none is next to another
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.
 STEP_MARGIN = 1.01
 SIGMA_FLOOR = 0.002  # metres
@@ -55,57 +61,141 @@ def find_profile_pattern(
     Returns
     -------
     Pattern or None
-        None where the points have no such pattern: there are too few lines, several are measured
+        None where the points have no such pattern: there are too few lines, too many are measured
         at once, or the points do not lie where a mirror that turns or swings sees them.
 
     """
     order = order_by_line(points) if order is None else order
-    first = line_starts(points.line[order])
-    t = points.t[order]
-    lines = len(first) - 1
-    if lines < MIN_LINES or is_interleaved(t, first):
-        return None
-    # Lines in order of time, whatever their numbers.
-    rank = np.argsort(t[first[:-1]], kind='stable')
-    scanner = find_scanner(TimedLines(points.xyz, t, order, first, rank), threads)
-    if scanner is None:
-        return None
-    phase = scanner.turned
-    distance = _ranges(points.xyz, scanner.position, scanner.moved, order, first)
-    ordered, nothing = OrderedLines(points.xyz, distance, order, first), np.zeros_like(phase)
-    at_once = lines_at_once(lines, len(points))
-    pool.run(lambda i, j: sort_lines(ordered, i, j, phase, nothing), *(lines, at_once, threads))
-    steps = phase[1:] - phase[:-1]
-    steps = steps[steps > 0.0]
-    step = np.full(lines, STEP_MARGIN * median_of(steps) if len(steps) else TURN, np.float32)
-    noise = np.full(lines, NOISE * _sigma(distance, order, phase, first), np.float32)
-    found = make_pattern(
-        np.diff(first)[rank],
-        # Lines are taken to be as far apart as shots.
-        step=step,
-        gap=step,
-        turn=np.ones_like(step),
-        beside=np.stack([2 * step, step, step, 2 * step]),
-        uneven=np.ones_like(step),
-        noise=noise,
-        apart=noise + _moved(scanner.position[rank]).astype(np.float32),
-        level=noise * np.float32(LEVEL / NOISE),
+    of_scanners = _part_scanners(
+        points.xyz, points.t[order], order, line_starts(points.line[order])
     )
-    pool.run(lambda i, j: place(ordered, phase, rank, i, j, found), lines, at_once, threads)
+    scanners: list[Scanner] = []
+    for lines in of_scanners:
+        scanner = find_scanner(lines, threads)
+        if scanner is None:
+            return None
+        scanners.append(scanner)
+    if not scanners:
+        return None
+    lines, phase, copies = _sort(points, of_scanners, scanners, threads)
+    columns, ranks, begin = [], [], 0
+    for of_scanner, scanner in zip(of_scanners, scanners, strict=True):
+        rank = of_scanner.rank
+        first = lines.first[begin : begin + len(rank) + 1]
+        columns.append(_space_out(lines, phase, first, scanner.position[rank]))
+        ranks.append(begin + rank)
+        begin += len(rank)
+    rank = np.concatenate(ranks)
+    found = make_pattern(
+        np.diff(lines.first)[rank],
+        copies,
+        **{name: np.concatenate([of[name] for of in columns], axis=-1) for name in columns[0]},
+    )
+    at_once = lines_at_once(len(rank), len(points))
+    pool.run(lambda i, j: place(lines, phase, rank, i, j, found), len(rank), at_once, threads)
     return found
 
 
+def _part_scanners(xyz: Floats, t: Ints, order: Ints, first: Ints) -> list[TimedLines]:
+    """Part lines, sorted by number, by scanners; return none where these cannot be told apart.
+
+    A scanner measures one line after the other. Where several scanners measure at once, the
+    numbers of each follow each other.
+    """
+    begins, ends = t[first[:-1]], t[first[1:] - 1]
+    if not _overlap(begins, ends):
+        numbers = [np.arange(len(begins))]
+    else:
+        runs = np.split(np.arange(len(begins)), np.flatnonzero(np.diff(begins) < 0) + 1)
+        numbers = []
+        for run in runs[:MAX_RUNS]:
+            for k, some in enumerate(numbers):
+                both = np.append(some, run)
+                if not _overlap(begins[both], ends[both]):
+                    numbers[k] = both
+                    break
+            else:
+                numbers.append(run)
+        if len(runs) > MAX_RUNS or any(_overlap(begins[some], ends[some]) for some in numbers):
+            return []
+    if any(len(lines) < MIN_LINES for lines in numbers):
+        return []
+    return [_take_lines(xyz, t, order, first, lines) for lines in numbers]
+
+
+def _overlap(begins: Ints, ends: Ints) -> bool:
+    """Return whether lines, by when they begin and end, are measured at once."""
+    rank = np.argsort(begins, kind='stable')
+    begins, ends = begins[rank], ends[rank]
+    both = np.minimum(ends[:-1], ends[1:]) - begins[1:]
+    return bool(np.maximum(both, 0).sum() > MAX_OVERLAP * (ends - begins).sum())
+
+
+def _take_lines(xyz: Floats, t: Ints, order: Ints, first: Ints, lines: Ints) -> TimedLines:
+    """Choose lines by number."""
+    if len(lines) < len(first) - 1:
+        index = np.concatenate([np.arange(first[line], first[line + 1]) for line in lines])
+        t, order = t[index], order[index]
+        first = np.concatenate([[0], np.cumsum(np.diff(first)[lines])])
+    # Lines in order of time, whatever their numbers.
+    return TimedLines(xyz, t, order, first, np.argsort(t[first[:-1]], kind='stable'))
+
+
+def _sort(
+    points: Points, parts: list[TimedLines], scanners: list[Scanner], threads: int
+) -> tuple[OrderedLines, Floats, Ints]:
+    """Sort all lines by the angle of their mirror; return that angle (N,), and copies, too."""
+    distance, phase, begin = np.empty(len(points)), np.empty(len(points)), 0
+    firsts = [np.zeros(1, np.int64)]
+    for k, (part, scanner) in enumerate(zip(parts, scanners, strict=True)):
+        _write_ranges(part, scanner.position, scanner.moved, distance)
+        phase[begin : begin + len(part.t)] = scanner.turned + k * APART_RAD
+        firsts.append(part.first[1:] + begin)
+        begin += len(part.t)
+    order = np.concatenate([part.order for part in parts])
+    lines = OrderedLines(points.xyz, distance, order, np.concatenate(firsts))
+    count, nothing = len(lines.first) - 1, np.zeros_like(phase)
+    pool.run(
+        lambda i, j: sort_lines(lines, i, j, phase, nothing),
+        *(count, lines_at_once(count, len(points)), threads),
+    )
+    lines, turned, copies = leave_out_copies(lines, Turned(phase, nothing), points.intensity)
+    return lines, turned.phase, copies
+
+
+def _space_out(
+    lines: OrderedLines, phase: Floats, first: Ints, where: Floats
+) -> dict[str, Singles]:
+    """Return the angles between shots and lines of a scanner, that was at (L, 3), and its noise."""
+    some = phase[first[0] : first[-1]]
+    steps = some[1:] - some[:-1]
+    steps = steps[steps > 0.0]
+    count = len(first) - 1
+    step = np.full(count, STEP_MARGIN * median_of(steps) if len(steps) else TURN, np.float32)
+    noise = np.full(count, NOISE * _sigma(lines.distance, lines.order, phase, first), np.float32)
+    return {
+        'step': step,
+        # Lines are taken to be as far apart as shots.
+        'gap': step,
+        'turn': np.ones_like(step),
+        'beside': np.stack([2 * step, step, step, 2 * step]),
+        'uneven': np.ones_like(step),
+        'noise': noise,
+        'apart': noise + _moved(where).astype(np.float32),
+        'level': noise * np.float32(LEVEL / NOISE),
+    }
+
+
 @kernel
-def _ranges(xyz: Floats, position: Floats, moved: Floats, order: Ints, first: Ints) -> Floats:
-    """Return the distance (N,) of each point, as given, from where the scanner was, metres."""
-    distance = np.empty(len(order))
+def _write_ranges(lines: TimedLines, position: Floats, moved: Floats, distance: Floats) -> None:
+    """Write the distance (N,) of each point, as given, from where the scanner was, metres."""
+    xyz, order, first = lines.xyz, lines.order, lines.first
     for line in range(len(position)):
         for k in range(first[line], first[line + 1]):
             i, square = order[k], 0.0
             for axis in range(3):
                 square += (xyz[i, axis] - position[line, axis] - moved[k, axis]) ** 2
             distance[i] = max(np.sqrt(square), MIN_RANGE_M)
-    return distance
 
 
 def _moved(where: Floats) -> Floats:

@@ -196,7 +196,7 @@ def find_pattern(
     turned = _turn(lines, t, in_rows, threads)
     if turned is None:
         return None
-    lines, turned, copies = _leave_out_copies(lines, turned, points.intensity)
+    lines, turned, copies = leave_out_copies(lines, turned, points.intensity)
     first = lines.first
     elevation, step = np.empty(len(first) - 1), np.empty(len(first) - 1)
     _typical(turned.up, turned.phase, first, elevation, step)
@@ -220,14 +220,14 @@ def find_pattern(
     return placed
 
 
-class _Turned(NamedTuple):
+class Turned(NamedTuple):
     """Of each point in the order of its ring: the angle turned, rad, and the sine of elevation."""
 
     phase: Floats
     up: Floats
 
 
-def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> _Turned | None:
+def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> Turned | None:
     """Sort each ring by the angle turned; None where the head does not turn steadily."""
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
@@ -244,13 +244,17 @@ def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> _Turned 
     )
     if not (advances(phase, lines.first) if in_rows else steady.sum() >= MIN_STEADY_SHARE * count):
         return None
+    begins = lines.first[:-1]
+    turned = np.maximum.reduceat(phase, begins) - np.minimum.reduceat(phase, begins)
+    if turned.sum() <= SAME_SHOT * count:  # seen from far away, nothing turns
+        return None
 
     def sort(begin: int, end: int) -> None:
         sort_lines(lines, begin, end, phase, up)
         join_shots(lines, begin, end, phase, up)
 
     pool.run(sort, number, at_once, threads)
-    return _Turned(phase, up)
+    return Turned(phase, up)
 
 
 def advances(phase: Floats, first: Ints) -> bool:
@@ -261,9 +265,9 @@ def advances(phase: Floats, first: Ints) -> bool:
     return bool((behind <= MAX_BEHIND_RAD).mean() >= MIN_STEADY_SHARE)
 
 
-def _leave_out_copies(
-    lines: OrderedLines, turned: _Turned, intensity: Singles | None
-) -> tuple[OrderedLines, _Turned, Ints]:
+def leave_out_copies(
+    lines: OrderedLines, turned: Turned, intensity: Singles | None
+) -> tuple[OrderedLines, Turned, Ints]:
     """Leave out returns at the very position of another one of their shot; list them, too.
 
     Sensors that publish two returns of each shot publish most of them twice.
@@ -276,7 +280,7 @@ def _leave_out_copies(
     copies = np.stack([lines.order, original], axis=1)[~kept]
     first = np.concatenate([[0], np.cumsum(kept)])[lines.first]
     left = lines._replace(order=lines.order[kept], first=first)
-    return left, _Turned(turned.phase[kept], turned.up[kept]), copies
+    return left, Turned(turned.phase[kept], turned.up[kept]), copies
 
 
 def _space_out(sine: Floats, step: Floats) -> dict[str, Singles]:

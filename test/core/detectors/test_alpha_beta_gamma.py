@@ -17,9 +17,11 @@ from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GAP = 1.5
 SHOT = 10_000  # nanoseconds
@@ -263,3 +265,22 @@ def test_missing_filterpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     match = r"alpha_beta_gamma.engine must be 'kernel' where the .* filterpy is not installed"
     with pytest.raises(ParameterError, match=match):
         fast(cloud, smoother(engine='filterpy'))
+
+
+# Several returns of a shot ------------------------------------------------------------------------
+
+
+def test_each_return_of_a_shot_is_judged_among_first_ones() -> None:
+    """Copies and farther returns change no verdict of first returns; copies share theirs."""
+    points = smooth(np.random.default_rng(8))
+    chain = Chain(FilterParameters().changed({'chain': ('alpha_beta_gamma',)}))
+    alone = chain.judge(points).score
+    far = points.xyz + np.array([0.0, 0.0, 7.0])
+    twice = np.arange(len(points)) % 25 == 12
+    index = np.repeat(np.arange(len(points)), np.where(twice, 3, 2))
+    later = np.append([False], index[1:] == index[:-1])
+    last = np.append(later[1:] != later[:-1], [True]) & later & twice[index]
+    xyz = np.where(last[:, None], far[index], points.xyz[index])
+    found = chain.judge(points_of(xyz, points.t[index], points.line[index])).score
+    assert_array_equal(found[~last], alone[index[~last]])
+    assert (found[last] > 1).all()

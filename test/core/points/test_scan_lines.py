@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.points.scan_lines import (
     LineCounter,
     Lines,
     find_lines,
+    find_returns,
     order_by_line,
 )
 
@@ -128,3 +129,24 @@ def test_points_are_taken_and_joined() -> None:
     own = Points(points.xyz, points.t, points.line, points.valid, points.t.astype(np.float64))
     both = concatenate([own.take(points.t > 0), own.take(points.t <= 0)])
     np.testing.assert_array_equal(both.sigma, both.t)
+
+
+def test_returns_of_shots() -> None:
+    """Points of a line and a time are one shot; those at one place are copies."""
+    line = np.repeat([0, 1, 2], [9, 4, 8])
+    t = np.array([0, 1, 1, 2, 3, 3, 3, 4, 5, *[5, 5, 6, 7], *[7, 7, 7, 7, 8, 8, 8, 8]])
+    x = np.array([0, 1, 1, 2, 3, 9, 3, 4, 5, *[5, 8, 6, 7], *range(8)])
+    returns = find_returns(points_of(np.stack([x, x, x], axis=1) + 0.5, t, line))
+    assert returns is not None
+    assert returns.number[:13].tolist() == [0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0, 0]
+    assert returns.shot[:13].tolist() == [0, 1, 1, 3, 4, 4, 4, 7, 8, 9, 9, 11, 12]
+    assert returns.original[:13].tolist() == [0, 1, 1, 3, 4, 5, 4, 7, 8, 9, 10, 11, 12]
+    # Most points of the third line share their times: its clock is too coarse.
+    assert not returns.number[13:].any()
+    for one in returns[1:]:
+        assert one[13:].tolist() == list(range(13, 21))
+    assert find_returns(points_of(np.zeros((3, 3)), np.arange(3), np.zeros(3, np.int64))) is None
+    many = points_of(np.arange(150.0).reshape(50, 3), np.maximum(np.arange(50) - 16, 0))
+    returns = find_returns(many)
+    assert returns is not None
+    assert not returns.number.any()

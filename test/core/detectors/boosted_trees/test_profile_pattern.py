@@ -3,6 +3,7 @@
 """The scan pattern of profile scanners, compared with its naive twin: scanner, features, groups."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judg
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern import profile_scanner
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
@@ -318,6 +320,53 @@ def test_strays_are_rejected(lines: int, mirror: Mirror | None) -> None:
     rejected = judge(profile_pattern_of(drive.points.take(few)), 1.0, model=PROFILE_MODEL) > 1
     assert rejected[drive.stray[few]].mean() > 0.8
     assert rejected[~drive.stray[few]].mean() < 0.002
+
+
+def scores(points: Points) -> Floats:
+    """Judge points by their pattern, which there must be."""
+    return judge(profile_pattern_of(points), 1.0, model=PROFILE_MODEL)
+
+
+def test_copies_share_a_score() -> None:
+    """Returns that are published twice are judged as if they were published once."""
+    points = Drive(10, 0.02, lines=20, shots=800, strays=0.005).points
+    twice = points.take(np.repeat(np.arange(len(points)), 2))
+    assert_array_equal(scores(twice), np.repeat(scores(points), 2))
+
+
+def test_later_returns_of_shots() -> None:
+    """Strays are found where every twentieth shot has another return behind the first."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    count = len(drive.points)
+    later = np.flatnonzero(np.arange(count) % 20 == 0)
+    behind = drive.eye[later] + 1.3 * drive.far[later, None] * drive.beam[later]
+    index = np.concatenate([np.arange(count), later])
+    xyz = np.concatenate([drive.points.xyz, behind])
+    for order in (np.argsort(index, kind='stable'), np.arange(len(index))):
+        points = points_of(xyz[order], drive.t[index][order], drive.line[index][order])
+        rejected = np.empty(len(index), np.bool_)
+        rejected[order] = scores(points) > 1
+        assert rejected[:count][drive.stray].mean() > 0.8
+        assert rejected[:count][~drive.stray].mean() < 0.002
+
+
+@pytest.mark.parametrize('scanners', [2, 3])
+def test_scanners_that_measure_at_once(scanners: int) -> None:
+    """Each of them has the pattern that it has alone."""
+    drives = [Drive(10 + k, 0.02, lines=20, shots=800) for k in range(scanners)]
+    parts = [
+        points_of(one.points.xyz + 100.0 * k, one.t + 1_700_000 * k, one.line + 100 * k)
+        for k, one in enumerate(drives)
+    ]
+    points = concatenate(parts)
+    in_time = np.argsort(points.t, kind='stable')
+    together = np.empty(len(points))
+    together[in_time] = scores(points.take(in_time))
+    rejected = np.concatenate([scores(part) > 1 for part in parts])
+    assert (rejected != (together > 1)).mean() < 1e-3
+    # Whose numbers are mixed, are not told apart.
+    mixed = replace(points, line=points.line % 100 * scanners + points.line // 100)
+    assert find_profile_pattern(mixed) is None
 
 
 def test_parameter_sensor() -> None:

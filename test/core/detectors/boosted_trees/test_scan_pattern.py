@@ -83,6 +83,16 @@ def test_no_pattern() -> None:
     assert find_pattern(wild) is None
 
 
+@pytest.mark.parametrize('away', [1e3, 1e4, 5e6])
+@pytest.mark.parametrize('in_rows', [False, True])
+def test_seen_from_far_away_nothing_turns(away: float, *, in_rows: bool) -> None:
+    """In coordinates of a map, the origin is not where the sensor is."""
+    points = sweep(6, 0.0, columns=1024, elevations=np.linspace(-15, 15, 16))
+    moved = points_of(points.xyz + np.array([0.1, 1.0, 0.0]) * away, points.t, points.line)
+    assert find_pattern(points, in_rows=in_rows) is not None
+    assert find_pattern(moved, in_rows=in_rows) is None
+
+
 # Degrees: of data sheets.
 HALVES = [*np.linspace(-24.33, -8.83, 32), *np.linspace(-8.33, 2.0, 32)]  # HDL-64E
 CROWDED = [  # VLP-32C
