@@ -33,6 +33,8 @@ from lidar_outlier_filter.files.cloud_file import (
 from lidar_outlier_filter.files.rows import RowFile, TextRows, append, to_common_frame
 
 _SEPARATORS = ',;\t| '
+_COMMENTS = (b'#', b'//')
+MAX_COMMENTS = 1000  # lines
 FLOAT = np.dtype(np.float64)
 MAX_LINE_BYTES = 1_000_000  # bytes of the first lines
 EXACT_FLOAT64 = 2**53  # up to here a float64 holds every whole number
@@ -69,7 +71,10 @@ class TextFile(RowFile):
         with path.open('rb') as stream:
             mark = BOM_UTF8 if stream.read(len(BOM_UTF8)) == BOM_UTF8 else b''
             stream.seek(len(mark))
-            first = stream.readline(MAX_LINE_BYTES)
+            comments = [stream.readline(MAX_LINE_BYTES)]
+            while comments[-1].startswith(_COMMENTS) and len(comments) < MAX_COMMENTS:
+                comments.append(stream.readline(MAX_LINE_BYTES))
+            first = comments.pop()
         # The separator that splits the first line into the most fields.
         separators = [mark.encode() for mark in _SEPARATORS]
         self._separator = separator = max(
@@ -77,9 +82,13 @@ class TextFile(RowFile):
         )
         names = _fields(first, separator, strict=False)
         has_names = not all(map(_is_number, names))
-        self._header = [mark, first] if has_names else [mark]
+        self._header = [mark, *comments, first] if has_names else [mark, *comments]
         if not has_names:
-            names = [str(i + 1) for i in range(len(names))]
+            count, last = len(names), comments[-1:]
+            names = next((found for line in last if (found := _names_in(line, count))), [])
+            has_names = bool(names)
+            names = names or [str(i + 1) for i in range(count)]
+        self._has_names = has_names
         check_names(path, names)
         self._rows = _TableRows(path, sum(map(len, self._header)), names, separator)
         self._count, _ = self._rows.measure()
@@ -91,9 +100,9 @@ class TextFile(RowFile):
         }
 
     def _changed_header(self, change: Change) -> Iterator[bytes]:
-        mark, *names = self._header
-        yield mark
-        yield from (append(line, self._separator, list(change.added)) for line in names)
+        *before, last = self._header
+        yield from before
+        yield append(last, self._separator, list(change.added)) if self._has_names else last
 
 
 class _TableRows(TextRows):
@@ -132,6 +141,16 @@ def _fields(line: bytes, separator: bytes, *, strict: bool = True) -> list[str]:
     if mark == ' ':
         text = text.rstrip()
     return next(csv.reader([text], delimiter=mark, skipinitialspace=True, strict=strict), [])
+
+
+def _names_in(comment: bytes, count: int) -> list[str]:
+    """Return the names of so many columns in a comment, such as ``//X Y Z``; else none."""
+    line = comment.lstrip(b'#/ ')
+    for separator in _SEPARATORS:
+        names = _fields(line, separator.encode(), strict=False)
+        if len(names) == count and not any(map(_is_number, names)):
+            return [name or '#' for name in names]
+    return []
 
 
 def _exact(numbers: Floats, texts: Sequence[str]) -> NDArray[Any]:

@@ -41,6 +41,7 @@ class Convention:
     is_final: bool = True  # False while all times are 0, which leaves unit and reference open
     unit_is_known: bool = True  # False while times are too few to show it
     claim: Claim | None = None  # what time and geometry shall confirm; None: lines are as given
+    is_counter: bool = False  # of 32 bits: it begins again from 0
 
     @property
     def has_rings(self) -> bool:
@@ -53,6 +54,7 @@ class Convention:
             time = 'times from points_per_second'
         else:
             reference = 'absolute' if self.time_is_absolute else 'from the header stamp'
+            reference = 'a counter of 32 bits' if self.is_counter else reference
             time = f'times from field {self.time_field!r} ({self.time_unit}, {reference})'
         if self.claim is not None and self.line_source == 'message':
             return f'{time}, no line field'
@@ -75,6 +77,7 @@ class Decoder:
         self._warn = warn
         self.convention: Convention | None = None  # of the last cloud with a valid point
         self._conventions: dict[np.dtype[np.void], Convention] = {}
+        self._clocks: dict[np.dtype[np.void], columns.Counter] = {}
         self._counter = LineCounter()
         self._previous_counter = self._counter
         self._mask = mask_of(parameters)
@@ -143,6 +146,7 @@ class Decoder:
     def reset(self) -> None:
         """Reset the line counter: the next cloud does not continue the last one."""
         self._counter.reset()
+        self._clocks.clear()
 
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that already has score fields, if scores are to be added."""
@@ -164,7 +168,7 @@ class Decoder:
         found = self._conventions.get(view.dtype)
         is_final = found is not None and found.is_final
         if found is not None and ((is_final and found.unit_is_known) or not valid.any()):
-            return found
+            return self._noting_counter(found, view, valid)
         if found is None and len(self._conventions) == MAX_LAYOUTS:
             must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
             raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
@@ -172,8 +176,15 @@ class Decoder:
             return None
         new = self._detect(view, valid)
         if found is None or not is_final or new.time_unit != found.time_unit:
-            return new
+            return self._noting_counter(new, view, valid)
         return replace(found, unit_is_known=new.unit_is_known)
+
+    def _noting_counter(self, found: Convention, view: Rows, valid: Bools) -> Convention:
+        """Note that times do not count from the stamp, once they show it."""
+        if found.is_counter or not found.time_field or self.parameters.time_reference != 'auto':
+            return found
+        times = _column(view, found.time_field)
+        return replace(found, is_counter=columns.Counter.is_one(times, valid, found.time_unit))
 
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Keep the convention for later clouds of this layout, and report it once."""
@@ -254,7 +265,12 @@ class Decoder:
             return offset + _nanoseconds(stamp)
         values = columns.unwrapped(_column(view, convention.time_field), valid)
         t = columns.to_nanoseconds(values, valid, convention.time_unit)
-        start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
+        is_absolute = convention.time_is_absolute
+        sent = 0 if is_absolute and stamp is None else _nanoseconds(stamp)
+        start = 0 if is_absolute else sent
+        if convention.is_counter and valid.any():
+            clock = self._clocks.setdefault(view.dtype, columns.Counter(convention.time_unit))
+            start = clock.start(int(t[valid.argmax()]), sent, is_absolute=is_absolute)
         return np.asarray(np.where(valid, t + start, 0))
 
     def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:

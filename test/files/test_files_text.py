@@ -90,6 +90,30 @@ def test_separators(tmp_path: Path, separator: str, names: str, mark: bytes) -> 
     np.testing.assert_array_equal(columns(copy)[3], verdict(2)['outlier'])
 
 
+@pytest.mark.parametrize(
+    ('head', 'names'),
+    [
+        ('# x y z\n', 'x y z'),
+        ('#x y z\n', 'x y z'),
+        ('//X Y Z\n', 'X Y Z'),
+        ('// X,Y,Z\n', 'X Y Z'),
+        ('# made by hand\n# 3 points\n# x y z\n', 'x y z'),
+        ('# made by hand in 2024\nx y z\n', 'x y z'),
+        ('# made by hand in 2024\n', '1 2 3'),
+    ],
+)
+def test_names_in_a_comment(tmp_path: Path, head: str, names: str) -> None:
+    """Names may be in the last comment above the rows; comments are kept in copies."""
+    path = make(tmp_path, f'{head}1 2.5 3\n4 5 6.25\n'.encode(), 'cloud.xyz')
+    assert list(open_cloud(path).columns) == names.split()
+    assert [column.tolist() for column in columns(path)] == [[1, 4], [2.5, 5], [3, 6.25]]
+    data = copied(path, Change(added=verdict(2))).read_bytes().decode()
+    added = ' outlier' if names != '1 2 3' else ''
+    assert data.startswith(f'{head[:-1]}{added}')
+    copy = path.parent / 'copied' / path.name
+    assert len(columns(copy)[0]) == 2
+
+
 def test_blanks_and_empty_lines(tmp_path: Path) -> None:
     """Several blanks are one separator, trailing blanks are ignored; empty lines are no rows."""
     for data in (b'1   2 3 \n\n 4 5    6\n   \n7 8 9', b'1 2 3\n4 5 6\n7 8 9\n\n'):

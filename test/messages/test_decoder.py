@@ -165,6 +165,43 @@ def test_units_of_functions() -> None:
     assert to_nanoseconds(values, valid, 'us').tolist() == [1500, 0, -250]
 
 
+@pytest.mark.parametrize('per_message', [384, 5000])
+@pytest.mark.parametrize(
+    ('unit', 'begin', 'reference'),
+    [('ns', 1.5, 'a counter of 32 bits'), ('us', 4294.0, 'a counter of 32 bits')],
+)
+def test_a_clock_that_wraps(per_message: int, unit: str, begin: float, reference: str) -> None:
+    """A uint32 that does not count from the stamps goes on, through messages, wraps and gaps."""
+    count = 20_000
+    exact = (int(begin * SECOND) + np.arange(count) * 300_000) // FACTOR[unit]
+    rows = table(count, ring=('u1', 0), t=('u4', exact % 2**32))
+    rows['x'][::7] = np.nan
+    rows['t'][::7] = 0
+    reader, informed, _ = decoder({'time_unit': unit})
+    begins = range(0, count, per_message)
+    t = np.concatenate(
+        [
+            reader.decode(cloud(rows[i : i + per_message], STAMP + i * 300_000 + i % 999)).t
+            for i in begins
+        ]
+    )
+    valid = np.arange(count) % 7 > 0
+    there = exact[valid] * FACTOR[unit]
+    start = STAMP - there[0] if unit == 'ns' else 0
+    assert (t[valid] - start).tolist() == there.tolist()
+    assert informed == [f"times from field 't' ({unit}, {reference}), scan lines by field 'ring'"]
+
+
+def test_a_clock_noticed_late() -> None:
+    """A message whose times are near 0 may count from its stamp; a later one shows that not."""
+    reader, informed, _ = decoder({'time_unit': 'ns'})
+    for i in range(20):
+        rows = table(100, ring=('u1', 0), t=('u4', i * 100_000_000 + np.arange(100)))
+        t = reader.decode(cloud(rows, STAMP + i * 100_000_000)).t
+    assert t.tolist() == (STAMP + 1_900_000_000 + np.arange(100)).tolist()
+    assert len(informed) == 2
+
+
 # Missing fields ---------------------------------------------------------------------------------
 
 

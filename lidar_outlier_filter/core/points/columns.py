@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.core.points.points import AT_ONCE, LONGEST, SECOND
 from lidar_outlier_filter.errors import CloudError
 
@@ -42,9 +42,12 @@ UNIX_S = (1e9, LONGEST / SECOND)
 # Nanoseconds from point to point that lidars have, and one that is usual. Those that share a time
 # count, too, so that the time of a packet or of a column is not taken for that of a shot.
 MIN_INTERVAL_NS, USUAL_INTERVAL_NS, MAX_INTERVAL_NS = 30.0, 3000.0, 300_000.0
-MAX_SPARSE_NS = 0.25 * SECOND  # a message of few points: it spans less, whatever the interval
-MIN_POINTS, MIN_TIMES = 100, 4  # that show an interval
+# A message of few points spans less, whatever the interval; and its times are not farther apart.
+MAX_SPARSE_NS, MAX_SPARSE_STEP_NS = 0.25 * SECOND, 0.02 * SECOND
+MIN_POINTS, MIN_TIMES = 100, 3  # that show an interval
+MAX_ZERO_SHARE = 0.4  # of intensities: weak returns have 0, too, up to 0.11 of a clean sweep
 MAX_STEP_NS = 1e6  # between two float32 that still tell the times of points apart
+MAX_FROM_STAMP_NS = SECOND // 2  # that all points of a message are from its stamp
 WRAP = 2**32  # of times that are uint32
 WRAP_SHARE = 0.9  # of it: a step that long is no step of time
 
@@ -139,6 +142,21 @@ def too_coarse_times(values: NDArray[Any], valid: Bools) -> str:
     return f'float32 of {size:.3g} {unit} come in steps of {step / SECOND:.2g} s'
 
 
+def telling(intensity: Singles | None) -> Singles | None:
+    """Return the intensities that say something of their points; NaN are unknown.
+
+    None where all are equal, as in drivers without intensity; where many are 0, these are unknown.
+    """
+    if intensity is None:
+        return None
+    known = intensity[intensity >= 0]
+    if not len(known) or known.min() == known.max():
+        return None
+    if np.count_nonzero(known) >= (1.0 - MAX_ZERO_SHARE) * len(known):
+        return intensity
+    return np.where(intensity == 0, np.float32(np.nan), intensity)
+
+
 class TimeUnit(NamedTuple):
     """The unit of a column of times.
 
@@ -180,11 +198,12 @@ def find_unit(values: NDArray[Any], kind: np.dtype[Any], name: str = '') -> Time
     usual, is_unix = _usual_unit(kind, size, largest)
     if 'gps' in name.lower() and kind.kind == 'f' and not is_unix:
         return TimeUnit('s')  # by LAS, also where most points were left out
-    interval = _interval(values)
-    if not interval > 0:
+    step, share = _step(values)
+    if not step > 0:
         return TimeUnit(usual, is_known=is_unix)
-    each = interval * NANOSECONDS[usual]
-    sparse = each * len(values) <= MAX_SPARSE_NS
+    interval, factor = step / share, NANOSECONDS[usual]
+    each = interval * factor
+    sparse = each * len(values) <= MAX_SPARSE_NS and step * factor <= MAX_SPARSE_STEP_NS
     if each >= MIN_INTERVAL_NS and (each <= MAX_INTERVAL_NS or sparse):
         return TimeUnit(usual)
     apart = f'points would be {each / SECOND:.2g} s apart (time_unit)'
@@ -217,12 +236,12 @@ def _usual_unit(kind: np.dtype[Any], size: Floats, largest: float) -> tuple[str,
     return ('ns' if largest >= UNIX_S[1] or (largest < UNIX_S[0] and whole) else 's'), False
 
 
-def _interval(values: NDArray[Any]) -> float:
-    """Return the median step of time ÷ the points that share a time; NaN: too few show it."""
+def _step(values: NDArray[Any]) -> tuple[float, float]:
+    """Return the median step of time, NaN if too few show it, and how many points share a time."""
     times = np.unique(values[np.isfinite(values)])
     if len(values) < MIN_POINTS or len(times) < MIN_TIMES:
-        return np.nan
-    return float(np.median(np.diff(times).astype(np.float64))) * len(times) / len(values)
+        return np.nan, 1.0
+    return float(np.median(np.diff(times).astype(np.float64))), len(values) / len(times)
 
 
 def unwrapped(values: NDArray[Any], valid: Bools) -> NDArray[Any]:
@@ -240,6 +259,45 @@ def unwrapped(values: NDArray[Any], valid: Bools) -> NDArray[Any]:
     step = np.diff(times[valid], prepend=times[valid][:1])
     times[valid] += WRAP * np.cumsum((step < -longest).astype(np.int64) - (step > longest))
     return times
+
+
+class Counter:
+    """Lets a clock of 32 bits go on from message to message, by their stamps.
+
+    Of nanoseconds, it begins again every 4.3 s.
+    """
+
+    def __init__(self, unit: str) -> None:
+        """Count from 0; ``unit`` is that of the field."""
+        self._wrap = WRAP * NANOSECONDS[unit]
+        self._stamp = self._first = self._start = 0
+        self._is_new = True
+
+    @staticmethod
+    def is_one(values: NDArray[Any], valid: Bools, unit: str) -> bool:
+        """Return whether times are too far from the stamp of their message to count from it."""
+        limit = MAX_FROM_STAMP_NS // NANOSECONDS[unit]
+        if values.dtype.str[1:] != 'u4' or not int(values.max(initial=0)) > limit:
+            return False
+        return bool((unwrapped(values, valid)[valid] > limit).all())
+
+    def start(self, first: int, stamp: int, *, is_absolute: bool) -> int:
+        """Return what to add to the times of the next message, nanoseconds.
+
+        Parameters
+        ----------
+        first : its first time
+        stamp : that of its header; as far as it went on, the times do, too
+        is_absolute : the first message keeps its times; else they begin at its stamp
+
+        """
+        if self._is_new:
+            self._start = 0 if is_absolute else stamp - first
+        else:
+            expected = self._first + stamp - self._stamp
+            self._start += self._wrap * round((expected - first - self._start) / self._wrap)
+        self._is_new, self._stamp, self._first = False, stamp, first + self._start
+        return self._start
 
 
 def to_nanoseconds(values: NDArray[Any], valid: Bools, unit: str) -> Ints:

@@ -13,6 +13,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core.points.columns import telling
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
@@ -214,8 +215,8 @@ def find_pattern(
         lambda i, j: place(lines, turned.phase, rank, i, j, placed),
         *(len(rank), lines_at_once(len(rank), len(points)), threads),
     )
-    if points.intensity is not None:
-        bright = brightness(placed.order, placed.range, points.intensity, threads)
+    if (intensity := telling(points.intensity)) is not None:
+        bright = brightness(placed.order, placed.range, intensity, threads)
         return placed._replace(bright=bright)
     return placed
 
