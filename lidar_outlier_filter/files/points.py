@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
 from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.engine.chain import uses_lines
+from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain
 from lidar_outlier_filter.core.points import columns as usual
+from lidar_outlier_filter.core.points.line_recovery import Claim, settle_lines
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
@@ -238,6 +240,15 @@ def _with_lines(
     if t is None:
         return Loaded(points, lack='no column with the time of each point', note='; '.join(notes))
     line, found_by, more = _lines(file, points.valid, t, columns, parameters)
+    timed = replace(points, t=t)
+    if line is None and parameters.line_source == 'auto':
+        timed, found_by = _recover_lines(timed, columns, parameters)
+        line, t = (timed.line, timed.t) if found_by else (None, t)
+    elif line is not None and found_by in columns and found_by not in LAS_COLUMNS:
+        claim = Claim('field', f'column {found_by!r}')
+        timed, decision = settle_lines(replace(timed, line=line), claim, line_period(parameters))
+        line, t = timed.line, timed.t
+        more += [decision.text] * decision.contradicts
     note = '; '.join(notes + more)
     if line is None:
         return Loaded(points, lack='no column that says its scan lines', note=note)
@@ -247,8 +258,21 @@ def _with_lines(
         check_sigma(sigma, points.valid, f'column {name!r}')
     for name in _usual(file, usual.INTENSITIES)[:1] if reads(parameters, 'intensity') else ():
         intensity = cloud_file.filled(columns[name]).astype(np.float32)
-    timed = replace(points, t=t, line=line, sigma=sigma, intensity=intensity)
+    timed = replace(points, t=t, line=line, sigma=sigma, intensity=intensity, head=None)
     return Loaded(timed, f'{time} and {found_by}', note=note)
+
+
+def _recover_lines(
+    points: Points, columns: Columns, parameters: FilterParameters
+) -> tuple[Points, str]:
+    """Find the turns of the mirror where no column shows them; return what they are found by."""
+    sources = [cloud_file.filled(columns[name]) for name in SOURCES if name in columns]
+    head = np.unique(np.stack(sources), axis=1, return_inverse=True)[1] if sources else None
+    points = replace(points, head=None if head is None else head.astype(np.int64).reshape(-1))
+    period = line_period(parameters)
+    settled, decision = settle_lines(points, Claim('message', 'the file'), period)
+    is_found = decision.kind in {'turns', 'heads'}
+    return settled, decision.text.removeprefix('scan lines: ') if is_found else ''
 
 
 def _times(

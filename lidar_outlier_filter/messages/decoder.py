@@ -121,6 +121,8 @@ class Decoder:
         if not self._has_warned_of_steps:
             self._warn_of_steps(view.dtype, xyz, valid)
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
+        if convention.claim is not None:
+            points = replace(points, head=self._head(view))
         return masked(points, self._mask, self.parameters)
 
     def view(self, msg: Any) -> Rows | None:
@@ -299,6 +301,12 @@ class Decoder:
         name, _ = columns.choose(_numbers(view), columns.INTENSITIES)
         with np.errstate(over='ignore'):  # larger than float32: inf
             return _column(view, name).astype(np.float32) if name else None
+
+    def _head(self, view: Rows) -> Ints | None:
+        """Return which of several scanners measured each point, if a field says so."""
+        names = [name for name in view.dtype.names or () if view.dtype[name].kind in 'iu']
+        name, _ = columns.choose(names, columns.HEADS)
+        return _column(view, name).astype(np.int64) if name else None
 
     def _sigma(self, view: Rows, valid: Bools) -> Floats | None:
         name = self.parameters.sigma_field

@@ -101,8 +101,8 @@ class FilterParameters:
     line_source: str = declare(
         'auto',
         'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
-        'angle. auto: the field or the rows if they behave like lines, else the turns of the mirror, '
-        'from time and geometry; without any, messages.',
+        'angle. auto: the field or rows that behave like lines, else the turns of the mirror, from '
+        'time and geometry; without any, messages.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
     )

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidar_outlier_filter.core.engine.chain import uses_lines
+from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points import columns as usual
+from lidar_outlier_filter.core.points.line_recovery import Claim, settle_lines
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.core.verdict import Verdict
@@ -175,7 +178,13 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     """
     settings = with_defaults(parameters, chain)
     columns = {'t': t, 'line': line, 'intensity': intensity}
-    points, reason = _decode(xyz, columns, settings, inform, warn)
+    points, claim, reason = _decode(xyz, columns, settings, inform, warn)
+    if claim is not None and uses_lines(settings.chain):
+        points, decision = settle_lines(points, claim, line_period(settings))
+        if decision.kind != 'given':
+            reason = ''
+        if decision.text and not reason:
+            (warn if decision.contradicts else inform)(decision.text)
     if reason:
         check_chain(settings.chain, 'the cloud', reason)
         zeros = np.zeros(len(points), np.int64)
@@ -189,8 +198,8 @@ def _decode(
     parameters: FilterParameters,
     inform: Callable[[str], object],
     warn: Callable[[str], object],
-) -> tuple[Points, str]:
-    """Convert a cloud to points; also return why they have no scan lines ('' if they do)."""
+) -> tuple[Points, Claim | None, str]:
+    """Convert a cloud to points; also return what claims to be their lines, and why none does."""
     is_array = isinstance(cloud, np.ndarray)
     if not hasattr(cloud, 'fields') and not (is_array and cloud.dtype.names is not None):
         return _from_arrays(cloud, columns, parameters, warn)
@@ -202,11 +211,11 @@ def _decode(
     points = decoder.decode(as_message(cloud, 0 if is_array else None))
     convention = decoder.convention
     if convention is None:
-        return points, ''
+        return points, None, ''
     is_one_line = convention.line_source == 'message' and parameters.line_source == 'auto'
     if convention.time_field is None:
-        return points, NO_TIME
-    return points, NO_LINES if is_one_line else ''
+        return points, None, NO_TIME
+    return points, convention.claim, NO_LINES if is_one_line else ''
 
 
 def _from_arrays(
@@ -214,7 +223,7 @@ def _from_arrays(
     columns: Mapping[str, ArrayLike | None],
     parameters: FilterParameters,
     warn: Callable[[str], object],
-) -> tuple[Points, str]:
+) -> tuple[Points, Claim | None, str]:
     """Convert plain arrays to points; see :func:`_decode`."""
     for name in FIELDS:
         value = parameters.value(name)
@@ -245,7 +254,8 @@ def _from_arrays(
         intensity=None if intensity is None else intensity.astype(np.float32),
     )
     reason = NO_TIME if t is None else NO_LINES if line is None else ''
-    return masked(points, mask, parameters), reason
+    claim = Claim('message', 'the cloud') if line is None else Claim('field', "'line'")
+    return masked(points, mask, parameters), None if t is None else claim, reason
 
 
 def _column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:

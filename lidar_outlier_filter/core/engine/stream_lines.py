@@ -26,6 +26,11 @@ MAX_HELD_POINTS = 4_000_000  # where times do not advance, so many points decide
 MAX_PAUSE_NS = 2 * SECOND  # after a longer pause the mirror may be anywhere: decided anew
 
 
+def line_period(parameters: FilterParameters) -> float:
+    """Return how long a turn of the mirror takes, ns, where ``line_rate`` says so; else 0."""
+    return SECOND / parameters.line_rate if parameters.line_rate > 0 else 0.0
+
+
 class StreamLines(Generic[AnyCloud]):
     """Gives the points of clouds their scan lines, in the order of the clouds.
 
@@ -42,8 +47,7 @@ class StreamLines(Generic[AnyCloud]):
 
     def __init__(self, parameters: FilterParameters, say: Callable[[Decision], object]) -> None:
         """Read line_rate, time_jump and max_points; ``say`` is called with each decision."""
-        rate = parameters.line_rate
-        self._period = SECOND / rate if rate > 0 else 0.0
+        self._period = line_period(parameters)
         self._jump = round(parameters.time_jump * SECOND)
         self._most = min(MAX_HELD_POINTS, parameters.max_points)
         self._say = say
@@ -106,7 +110,7 @@ class StreamLines(Generic[AnyCloud]):
             self._decide()
         elif self.points >= 2 * self._looked_at and self._claim is not None:
             self._looked_at = self.points
-            some = concatenate([cloud.points for cloud in self.held])
+            some = concatenate([cloud.points for cloud in self.held if len(cloud.points)])
             numbered = self._claim.source != 'message'
             self.decision = decide_at_once(some, numbered=numbered)
         return self.decision is not None
@@ -126,5 +130,8 @@ class StreamLines(Generic[AnyCloud]):
         return released
 
     def _numbered(self, cloud: AnyCloud) -> AnyCloud:
+        t = cloud.points.t
         cloud.points = self._numbers.number(cloud.points)
+        if cloud.points.t is not t:
+            cloud.note_times()
         return cloud

@@ -31,6 +31,11 @@ LINES: Names = (
     *('beam_id', 'beam', 'profile', 'scan_line', 'ring_number', 'channel_id', 'line_id'),
     *('line_number', 'scan_line_number', 'beam_number', 'profile_id', 'profile_number'),
 )
+# Which of several scanners that share a message or a file measured a point.
+HEADS: Names = (
+    *('head', 'head_id', 'scanner', 'scanner_id', 'scanner_channel', 'scanner_number'),
+    *('lidar_id', 'device_id', 'sensor_id', 'laser_head'),
+)
 INTENSITIES: Names = ('intensity', 'reflectivity', 'reflectance', 'i', 'amplitude', 'remission')
 
 NANOSECONDS = {'s': SECOND, 'ms': 1_000_000, 'us': 1000, 'ns': 1}

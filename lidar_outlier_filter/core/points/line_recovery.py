@@ -21,6 +21,12 @@ from lidar_outlier_filter.core.points.mirror import (
     is_path,
 )
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.shared_times import (
+    MIN_SHOTS,
+    Clock,
+    TimeSpreader,
+    measure_clock,
+)
 from lidar_outlier_filter.core.points.turns import TurnCounter
 
 STRETCH_NS = 200_000_000  # of sensor time that decides
@@ -32,6 +38,7 @@ MAX_FACETS = 12  # lines per turn of a mirror with facets
 JUMP = 5.0  # times the usual step: at the end of a facet the beam jumps
 REVERSAL_SHOTS = 8  # from the end of a swing, where the beam is near again as long before it
 MAX_REVERSAL = 0.5  # distance of two such shots ÷ the way from the end to one of them
+HEAD_LINES = 2**40  # from the lines of one scanner to those of the next
 MAX_PHASE_SPREAD = 0.05  # of a turn: lines by the scan angle begin at one angle of the mirror
 
 
@@ -42,15 +49,21 @@ class Claim(NamedTuple):
     name: str
 
 
+OWN_TIMES = Clock(0.0, 0, 1)
+
+
 class Decision(NamedTuple):
     """How points get their scan lines.
 
     Attributes
     ----------
-    kind : 'given': as claimed; 'runs': a new line at each change of number; 'turns': of the mirror
+    kind : 'given': as claimed; 'runs': a new line at each change of number; 'turns': of the mirror;
+        'heads': each scanner for itself
     mirror : where time and geometry show how it turns
     text : what to say of it, once; empty: nothing
     contradicts : whether a claim is not believed, which is worth a warning
+    heads : number and decision of each of several scanners
+    clock : how many shots share a time; these are spread in the order of the points
 
     """
 
@@ -58,6 +71,8 @@ class Decision(NamedTuple):
     mirror: Mirror | None = None
     text: str = ''
     contradicts: bool = False
+    heads: tuple[tuple[int, 'Decision'], ...] = ()
+    clock: Clock = OWN_TIMES
 
 
 GIVEN = Decision('given')
@@ -74,6 +89,8 @@ def decide_at_once(points: Points, *, numbered: bool) -> Decision | None:
         return GIVEN
     if count < ENOUGH_POINTS:
         return None
+    if points.head is not None:
+        points = points.take(points.head == points.head[0])
     some = points.take(slice(0, ENOUGH_POINTS))
     if np.ptp(some.t) == 0 or not is_path(some.xyz[np.argsort(some.t, kind='stable')]):
         return GIVEN
@@ -103,11 +120,30 @@ def decide(points: Points, claim: Claim, period: float = 0.0) -> Decision:
     period : of the mirror, nanoseconds, where it is known; 0: it is sought
 
     """
+    if claim.source != 'message' and is_spinning(points):
+        return GIVEN
+    if points.head is not None and np.ptp(points.head) > 0:
+        return _decide_heads(points, points.head, claim, period)
+    clock = measure_clock(points.t) if (np.diff(points.t) >= 0).all() else OWN_TIMES
+    if clock.shots >= MIN_SHOTS and is_path(points.xyz):
+        return _decide_shared(points, clock, claim, period)
+    return _decide_one(points, claim, period)
+
+
+def _decide_shared(points: Points, clock: Clock, claim: Claim, period: float) -> Decision:
+    """Decide for points whose shared times are spread in their order."""
+    spread = replace(points, t=TimeSpreader(clock).spread(points.t))
+    found = _decide_one(spread, claim, period)
+    share = f'{100 * clock.share:.0f} % of the points share the time of the one before'
+    text = f'{share}: they are spread in their order; {found.text}'.removesuffix('; ')
+    return found._replace(clock=clock, text=text)
+
+
+def _decide_one(points: Points, claim: Claim, period: float) -> Decision:
+    """Decide for the points of one scanner, each with a time of its own."""
     order = np.argsort(points.t, kind='stable')
     t, xyz, line = points.t[order], points.xyz[order], points.line[order]
     numbered = claim.source != 'message'
-    if numbered and is_spinning(points):
-        return GIVEN
     mirror = find_mirror(t, xyz, period)
     changes = np.flatnonzero(np.diff(line)) + 1
     counts = numbered and len(changes) > 0
@@ -126,6 +162,22 @@ def decide(points: Points, claim: Claim, period: float = 0.0) -> Decision:
     if numbered:
         text = f'{claim.name} does not number the turns of the mirror, and is not used; {text}'
     return Decision('turns', mirror, text, contradicts=numbered)
+
+
+def _decide_heads(points: Points, heads: Ints, claim: Claim, period: float) -> Decision:
+    """Decide for each of several scanners; lines stay as they are where one shows none."""
+    found = []
+    for head in np.unique(heads).tolist():
+        some = points.take(np.flatnonzero(heads == head))
+        found.append((head, decide(replace(some, head=None), claim, period)))
+    first = next((one for _, one in found if one.kind == 'given'), None)
+    if first is not None:
+        return first
+    text = '; '.join(
+        f'scanner {head}: {one.text.removeprefix("scan lines: ")}' for head, one in found
+    )
+    contradicts = any(one.contradicts for _, one in found)
+    return Decision('heads', None, f'scan lines: {text}', contradicts, tuple(found))
 
 
 def _no_turns(claim: Claim) -> str:
@@ -184,31 +236,47 @@ class LineNumbers:
     def __init__(self, decision: Decision) -> None:
         """Begin with the first line."""
         self.decision = decision
-        self._turns = None if decision.kind != 'turns' else TurnCounter(_known(decision.mirror))
-        self._run, self._last = 0, None
+        mirror = decision.mirror if decision.kind == 'turns' else None
+        self._turns = None if mirror is None else TurnCounter(mirror)
+        self._heads = {head: LineNumbers(one) for head, one in decision.heads}
+        self._run, self._last = 0, 0  # lines so far, and the last number given
+        self._begun = False
+        self._spreader = TimeSpreader(decision.clock)
 
     def number(self, points: Points) -> Points:
         """Return points with their lines; they follow those of the call before."""
-        if self.decision.kind == 'given' or not len(points):
+        if not len(points):
             return points
+        if self._spreader.clock.shots >= MIN_SHOTS:
+            points = replace(points, t=self._spreader.spread(points.t))
+        if self.decision.kind == 'given':
+            return points if points.head is None else replace(points, head=None)
+        return replace(points, line=self.lines(points), head=None)
+
+    def lines(self, points: Points) -> Ints:
+        """Return the line of each point (N,)."""
+        if self._heads and points.head is not None:
+            line = np.full(len(points), -1)
+            for rank, (head, numbers) in enumerate(self._heads.items()):
+                mine = np.flatnonzero(points.head == head)
+                if len(mine):
+                    line[mine] = numbers.lines(points.take(mine)) + rank * HEAD_LINES
+            return line
         if self._turns is not None:
-            return replace(points, line=self._turns.number(points.t))
-        order = slice(None)
+            return self._turns.number(points.t)
+        return self._count_runs(points)
+
+    def _count_runs(self, points: Points) -> Ints:
+        order: Ints | slice = slice(None)
         if not (points.t[1:] >= points.t[:-1]).all():
             order = np.argsort(points.t, kind='stable')
         given = points.line[order]
-        changed: Bools = np.append(
-            self._last is not None and given[0] != self._last, np.diff(given) != 0
-        )
+        begins = self._begun and given[0] != self._last
+        changed: Bools = np.append(begins, np.diff(given) != 0)
         line = np.empty(len(given), np.int64)
         line[order] = self._run + np.cumsum(changed)
-        self._run, self._last = int(self._run + changed.sum()), int(given[-1])
-        return replace(points, line=line)
-
-
-def _known(mirror: Mirror | None) -> Mirror:
-    assert mirror is not None
-    return mirror
+        self._run, self._last, self._begun = int(line.max()), int(given[-1]), True
+        return line
 
 
 def settle_lines(points: Points, claim: Claim, period: float = 0.0) -> tuple[Points, Decision]:
@@ -221,8 +289,8 @@ def settle_lines(points: Points, claim: Claim, period: float = 0.0) -> tuple[Poi
     if not len(some) or np.ptp(some.t) == 0:
         return points, GIVEN
     end = int(some.t.min()) + STRETCH_NS
-    first = some.take(some.t < end)
-    decision = decide(first, claim, period)
-    line = points.line.copy()
-    line[where] = LineNumbers(decision).number(some).line
-    return replace(points, line=line), decision
+    decision = decide(some.take(some.t < end), claim, period)
+    numbered = LineNumbers(decision).number(some)
+    t, line = points.t.copy(), points.line.copy()
+    t[where], line[where] = numbered.t, numbered.line
+    return replace(points, t=t, line=line, head=None), decision

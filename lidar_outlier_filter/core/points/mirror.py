@@ -41,7 +41,7 @@ class Mirror(NamedTuple):
     period : float
         Of a turn, nanoseconds.
     begin : int
-        When some turn begins, nanoseconds: where few shots have a return, so that no surface is cut.
+        When some turn begins, nanoseconds: where few shots have a return, to cut no surface.
     resemblance : float
         Median distance of points one turn apart ÷ that at a typical lag: far below 1.
 
@@ -85,30 +85,34 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     lags = np.rint(least * LAG_RATIO ** np.arange(count))
     apart = pairs.apart(lags, ROUGH_SAMPLES)
     known = np.isfinite(apart)
-    if not known.any():
-        return None
-    typical = float(np.median(apart[known]))
-    near = min(FLOOR_M + 2.0 * float(apart[known].min()), MAX_RESEMBLANCE * typical)
+    typical = float(np.median(apart[known])) if known.any() else 0.0
+    near = min(FLOOR_M + 2.0 * float(apart.min()), MAX_RESEMBLANCE * typical)
     refined = [_refine(pairs, lag) for lag in _dips(lags, apart, near)]
     if not refined:
         return None
-    best = min(one[1] for one in refined)
-    limit = AS_NEAR * best + FLOOR_M
-    period, distance = min(one for one in refined if one[1] <= limit)
-    for parts in range(MULTIPLES, 1, -1):
-        if period / parts >= least:
-            part, its = _refine(pairs, period / parts)
-            if its <= AS_NEAR * distance + FLOOR_M:
-                period, distance = part, its
-                break
+    period, distance = _least_lag(pairs, refined, least)
     if distance > MAX_RESEMBLANCE * typical:
         return None
     period = _fold_best(t, period)
     return Mirror(period, int(t[0]) + round(_gap(t, period)), distance / typical)
 
 
+def _least_lag(
+    pairs: '_Pairs', refined: list[tuple[float, float]], least: float
+) -> tuple[float, float]:
+    """Return the smallest lag whose points are about as near as any, and their distance."""
+    limit = AS_NEAR * min(distance for _, distance in refined) + FLOOR_M
+    period, distance = min(one for one in refined if one[1] <= limit)
+    for parts in range(MULTIPLES, 1, -1):
+        if period / parts >= least:
+            part, its = _refine(pairs, period / parts)
+            if its <= AS_NEAR * distance + FLOOR_M:
+                return part, its
+    return period, distance
+
+
 def is_path(xyz: Floats) -> bool:
-    """Return whether each point in order lies beside the one before: of one beam, not of several."""
+    """Return whether each point lies beside the one before it: of one beam, not of several."""
     count = len(xyz)
     some = np.arange(0, count - 1, max((count - 1) // SAMPLES, 1))
 
@@ -160,7 +164,7 @@ def _dips(lags: Floats, apart: Floats, near: float) -> Floats:
 
 def _refine(pairs: _Pairs, lag: float) -> tuple[float, float]:
     """Return the lag, whole shots away, of the least distance nearby, and that distance."""
-    reach = np.arange(-6, 7) * (LAG_RATIO - 1.0) * lag / 4.0
+    reach: Floats = np.arange(-6.0, 7.0) * ((LAG_RATIO - 1.0) * lag / 4.0)
     least = np.inf
     for around in (reach, reach / 6.0):
         apart = pairs.apart(lag + around)

@@ -24,7 +24,7 @@ class TurnCounter:
     """
 
     def __init__(self, mirror: Mirror) -> None:
-        """Begin with the turn of the decision."""
+        """Begin with the turn that time and geometry show."""
         self.mirror = mirror
         self.period = mirror.period
         self._begins = [mirror.begin]
@@ -51,14 +51,14 @@ class TurnCounter:
             return
         last = int(times[-1])
         while self._begins[-1] + self.period * WINDOW_TURNS < last:
-            self._next_turn(times, last)
+            self._next_turn(times)
         keep = self._begins[-1] - round(self.period * WINDOW_TURNS)
         self._tail = times[np.searchsorted(times, keep) :]
         if len(self._begins) > 2 * KEPT_TURNS:
             self._number += len(self._begins) - KEPT_TURNS
             self._begins = self._begins[-KEPT_TURNS:]
 
-    def _next_turn(self, times: Ints, last: int) -> None:
+    def _next_turn(self, times: Ints) -> None:
         begin, wide = self._begins[-1], round(self.period * WINDOW_TURNS)
         low, high = np.searchsorted(times, (begin - wide, begin + wide))
         edges = np.concatenate([[begin - wide], times[low:high], [begin + wide]])
