@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
-from lidar_outlier_filter.core.points.points import AT_ONCE, LONGEST, SECOND
+from lidar_outlier_filter.core.points.points import LONGEST, SECOND
 from lidar_outlier_filter.errors import CloudError
 
 Names = tuple[str, ...]
@@ -38,6 +38,7 @@ HEADS: Names = (
 )
 INTENSITIES: Names = ('intensity', 'reflectivity', 'reflectance', 'i', 'amplitude', 'remission')
 
+AT_ONCE = 1 << 17  # times that are converted at once: arrays stay in the cache
 NANOSECONDS = {'s': SECOND, 'ms': 1_000_000, 'us': 1000, 'ns': 1}
 _UNIT = '([mun]?s(?:ec)?)'
 _WITH_UNIT = re.compile(rf'(.+?)(?:[ _.]{_UNIT}|[ _]?[\[(]{_UNIT}[\])])')

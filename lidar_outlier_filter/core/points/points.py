@@ -16,18 +16,12 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.errors import CloudError
 
 SECOND = 1_000_000_000  # nanoseconds
-NANOSECONDS = {'s': SECOND, 'us': 1000, 'ns': 1}
 LONGEST = 2**61  # nanoseconds: 73 years, and sums of two still fit
-# Usual names of columns, in clouds and files.
-TIME_NAMES = ('t', 'time', 'timestamp', 'time_stamp', 'offset_time', 'time_offset', 't_offset')
-LINE_NAMES = ('ring', 'channel', 'line', 'laser_id')
-INTENSITY_NAMES = ('intensity', 'reflectivity', 'reflectance')
 # Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What
 # is beyond was never measured: memory that nobody has set, the wrong order of bytes.
 FARTHEST = 1e9
 FINEST = 1e-9  # metres: the least standard deviation
 COARSEST = 0.01  # metres between two float32 that still carry what sensors measure
-AT_ONCE = 1 << 17  # times that are converted at once: arrays stay in the cache
 SAMPLE = 64  # points that show how far a cloud is from the origin
 
 

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.core.points import columns
 from lidar_outlier_filter.core.points.columns import INTENSITIES, LINES, TIMES, Names
@@ -44,6 +45,13 @@ def test_names(usual: Names, names: str, found: str) -> None:
     """As written before any case, and any case before separators, prefixes and units."""
     split = [names] if ' [' in names or names == 'Laser ID' else names.split()
     assert columns.choose(split, usual) == (found, [])
+
+
+def test_the_page_lists_the_names() -> None:
+    """All of them, in their order."""
+    page = (ROOT / 'doc' / 'numpy.md').read_text(encoding='utf-8')
+    for usual in (TIMES, LINES, INTENSITIES):
+        assert f'| {", ".join(f"`{name}`" for name in usual)} |' in page
 
 
 def test_objections() -> None:
