@@ -98,7 +98,10 @@ class Worker:
             self._parameters = parameters
 
         self.inbox.load = parameters.load
-        self.between_clouds(apply)
+        if self._thread is None:
+            apply()
+        else:
+            self.inbox.change(apply)
 
     def enable(self, *, on: bool) -> None:
         """Filter the clouds that come from now on, or let them pass as they are."""

@@ -10,9 +10,13 @@ from contextlib import contextmanager
 import pytest
 from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from helpers.programs import TIMEOUT
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline import pipeline
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.node import OutlierFilterNode
@@ -214,6 +218,36 @@ def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
     sensor.publish(line(0), expected=1)
     with pytest.raises(ZeroDivisionError):
         send(ros, node, sensor, 1)
+
+
+def test_a_slider_stops_no_cloud(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All clouds have output, and of the sets that came meanwhile only the newest is applied."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    applied: list[float] = []
+    change = channel._filter.change
+
+    def note(parameters: FilterParameters) -> None:
+        applied.append(parameters.of(AlphaBetaGamma).significance)
+        change(parameters)
+
+    monkeypatch.setattr(channel._filter, 'change', note)
+    # What is ready costs nothing to change: no kernel is tried.
+    monkeypatch.setattr(pipeline, 'make_ready', lambda *_: 1 / 0)
+    significance = [1e-6 * (1 + step) for step in range(250)]
+    client, replies = ros.parameters(), []
+    with held_up(node):
+        for number in range(5):
+            for value in significance[50 * number :][:50]:
+                changed = [Parameter('alpha_beta_gamma.significance', value=value)]
+                replies.append(client.set_parameters(changed))
+            send(ros, node, sensor, 1, first=number)
+        for reply in replies:
+            assert ros.wait(reply).results[0].successful
+    node.finish()
+    assert results(ros, sensor, 5) == [(number, 1) for number in range(5)]
+    assert applied == significance[-1:]
+    assert channel.statistics.failures == 0
 
 
 # The end
