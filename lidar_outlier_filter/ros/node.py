@@ -199,7 +199,7 @@ class OutlierFilterNode(TunableNode):
             self._is_ready = True
             self.get_logger().info(ready_line(parameters, self.channels))
             for channel in self.channels:
-                channel.worker.between_clouds(channel.worker.ready.set)
+                channel.worker.between_clouds(channel.worker.begin)
 
     def _between_clouds(self, command: Callable[[], None]) -> None:
         for channel in self.channels[:1]:
