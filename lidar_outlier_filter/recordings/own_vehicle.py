@@ -77,10 +77,14 @@ def learn_mask(
         raise RecordingError(
             f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
         )
+    if learner.contradiction:
+        must_be = 'the rings of a sensor that spins'
+        raise RecordingError(f'the scan lines of {recording}', must_be, learner.contradiction)
     if learner.taken < MIN_TURNS:
         how = f'{STEP:g} m on by odometry' if moved else f'{100 * CHANGED:g} % of far cells changed'
         must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
-        got = f'{learner.taken} of {learner.turns}: the vehicle does not move'
+        reason = 'the vehicle does not move' if learner.taken <= 1 else 'the drive is too short'
+        got = f'{learner.taken} of {learner.turns}: {reason}'
         raise RecordingError(f'the recording {recording}', must_be, got)
     return LearntMask(
         learner.learn(),
