@@ -81,6 +81,7 @@ class Decoder:
         self._warn = warn
         self.convention: Convention | None = None  # of the last cloud with a valid point
         self._conventions: dict[np.dtype[np.void], Convention] = {}
+        self._reports = 0  # of conventions
         self._counter = LineCounter()
         self._previous_counter = self._counter
         self._mask = mask_of(parameters)
@@ -170,18 +171,20 @@ class Decoder:
         found = self._conventions.get(view.dtype)
         if found is not None and (found.is_final or not valid.any()):
             return found
-        if found is None and len(self._conventions) == MAX_LAYOUTS:
-            must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
-            raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
         return self._detect(view, valid) if valid.any() else None
 
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Keep the convention for later clouds of this layout, and report it once."""
         self.convention = convention
-        previous = self._conventions.get(dtype)
+        previous = self._conventions.pop(dtype, None)
+        if len(self._conventions) == MAX_LAYOUTS:
+            # That which was used longest ago; a flood of layouts must not refuse honest ones.
+            del self._conventions[next(iter(self._conventions))]
         self._conventions[dtype] = convention
-        if previous is None or str(previous) != str(convention):
-            self._inform(str(convention))
+        if str(previous) == str(convention) or self._reports == MAX_LAYOUTS:
+            return
+        self._reports += 1
+        self._inform(str(convention))
         if previous is None and convention.warning:
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.warning}')
