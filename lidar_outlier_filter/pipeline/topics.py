@@ -9,6 +9,7 @@ from lidar_outlier_filter.errors import RecordingError
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'point_cloud_interfaces/msg/CompressedPointCloud2'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
 # Words of letters, digits and single underscores, between slashes; no word begins with a digit.
 _NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)

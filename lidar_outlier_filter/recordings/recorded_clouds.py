@@ -16,7 +16,8 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.motion import PoseSource
+from lidar_outlier_filter.pipeline.tf import pose_source
 from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
@@ -77,14 +78,15 @@ class RecordedClouds:
         self._parameters = parameters
         self._requested = topic
         self._with_eyes = with_eyes
-        self._moves = (with_eyes or with_path) and parameters.motion.source == 'odometry'
+        self._sees = with_eyes or with_path
 
     def __iter__(self) -> Iterator[RecordedCloud]:
         """Read them."""
         self.times = []
         taken: list[RecordedCloud] = []
         parameters = self._parameters
-        motion = _SeeingOdometry(parameters, every=self._with_eyes) if self._moves else None
+        poses = pose_source(parameters) if self._sees else None
+        motion = None if poses is None else _Seeing(poses, every=self._with_eyes)
 
         def take(cloud: StreamCloud, msg: Any, number: int) -> None:
             eye = None if motion is None else motion.taken(cloud.points)
@@ -110,11 +112,13 @@ class RecordedClouds:
         yield from taken
 
 
-class _SeeingOdometry(Odometry):
-    """Odometry that notes where the sensor was, for each cloud that it moves."""
+class _Seeing:
+    """A pose source that notes where the sensor was, for each cloud that it moves."""
 
-    def __init__(self, parameters: FilterParameters, *, every: bool) -> None:
-        super().__init__(parameters)
+    def __init__(self, source: PoseSource, *, every: bool) -> None:
+        self.topic, self.refusals, self.listeners = source.topic, source.refusals, source.listeners
+        self.take, self.reaches, self.reset = source.take, source.reaches, source.reset
+        self._source = source
         self._every = every  # for each point, or for one
         # By the identity of the points' array of times, which is kept, so that no other has it.
         self._eyes: dict[int, tuple[Ints, Floats]] = {}
@@ -125,13 +129,14 @@ class _SeeingOdometry(Odometry):
         return eye
 
     def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
-        moved, known = super().move(points, frame)
+        """Move points, and note from where they were seen."""
+        moved, known = self._source.move(points, frame)
         if known.any() or not len(known):
             seen = points if self._every else points.take(np.flatnonzero(known)[:1])
             eye = np.empty((len(seen), 4, 3))
             for k, position in enumerate((np.zeros(3), *np.eye(3))):
                 xyz = np.tile(position, (len(seen), 1))
-                eye[:, k] = super().move(replace(seen, xyz=xyz, own=None), frame)[0].xyz
+                eye[:, k] = self._source.move(replace(seen, xyz=xyz, own=None), frame)[0].xyz
             self._eyes[id(moved.t)] = moved.t, eye
         return moved, known
 
