@@ -18,7 +18,7 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.tf import pose_source
-from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS
+from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS, output_topics
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
     CloudTopic,
@@ -152,7 +152,7 @@ class _Nothing(Chain):
 def _choose(source: Recording, topic: str | None) -> Topic:
     """Find the topic of clouds that is named, or the only one that is not an output."""
     names = cloud_topics(source)
-    outputs = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
+    outputs = {output for name in names for output in output_topics(name)}
     inputs = [name for name in names if name not in outputs]
     if topic is None and len(inputs) == 1:
         return names[inputs[0]]
@@ -181,9 +181,12 @@ def split_clouds(
 ) -> Iterator[tuple[bool | None, Any]]:
     """Yield messages, and whether their points were rejected; None: an input."""
     kinds: dict[str, bool | None] = {topic + CLEANED: False, topic + OUTLIERS: True}
+    names = cloud_topics(source)
     if with_inputs:
-        kinds[topic] = None
-    channels = [topic for name, topic in cloud_topics(source).items() if name in kinds]
+        # Its own name, or that of the compressed one that outputs are not named after.
+        given = {name for name in names if output_topics(name)[0] == topic + CLEANED}
+        kinds |= dict.fromkeys(given or {topic})
+    channels = [channel for name, channel in names.items() if name in kinds]
     if len(channels) < len(kinds):
         must_be = f'with {topic}, which the labels are for'
         raise RecordingError(f'the recording {source.path}', must_be, f'no {topic}')

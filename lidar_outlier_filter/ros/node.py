@@ -181,6 +181,9 @@ class OutlierFilterNode(TunableNode):
             _refuse_topic('a topic of inputs', name)
         if len({self.resolve_topic_name(name) for name in names}) < len(names):
             raise ParameterError('inputs', 'different topics', repr(list(names)))
+        if len({output_topics(self.resolve_topic_name(name)) for name in names}) < len(names):
+            must_be = 'one topic of a sensor, plain or compressed: both have the same outputs'
+            raise ParameterError('inputs', must_be, repr(list(names)))
         return names
 
     def apply(self, parameters: FilterParameters) -> str:
