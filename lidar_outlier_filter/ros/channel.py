@@ -3,6 +3,7 @@
 """One topic in a node: its subscriptions, worker and publishers."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -67,6 +68,8 @@ class Channel:
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
         self._watch = SensorWatch()
+        # Clouds that were not judged, at the last samples. One that was lost may show in the next.
+        self._unseen: deque[int] = deque(maxlen=3)
         self._filter.show.append(
             lambda cloud, _: self._watch.add(cloud, has_rings=self._filter.has_rings)
         )
@@ -130,7 +133,7 @@ class Channel:
         megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
         backlog = Backlog(inbox.clouds, megabytes, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
-        remarks, view = self._remarks(), self._watch.sample(limits)
+        remarks, view = self._remarks(), self._watch.sample(limits, is_whole=self._is_whole())
         return self.health.sample(seconds, limits, max_delay, backlog, remarks, view)
 
     def close(self) -> None:
@@ -152,6 +155,12 @@ class Channel:
         """Stop the worker, and destroy the publishers."""
         self.stop()
         self.publisher.destroy()
+
+    def _is_whole(self) -> bool:
+        """Return whether the stream of judged clouds had no gap lately."""
+        counts = self.statistics
+        self._unseen.append(self.health.losses().total() + counts.refused + counts.resets)
+        return len(set(self._unseen)) == 1
 
     def _remarks(self) -> list[str]:
         remarks = []
