@@ -25,7 +25,11 @@ class PoseSource(Protocol):
 
     topic: str  # of nav_msgs/Odometry; empty: none
     refusals: CountsByReason  # of poses
-    listeners: Mapping[tuple[str, str], Callable[[Any], None]]  # by topic, as given, and type
+
+    @property
+    def listeners(self) -> Mapping[tuple[str, str], Callable[[Any], None]]:
+        """The methods that take the messages, by topic, as given, and type."""
+        ...
 
     def take(self, msg: Any) -> None:
         """Add the next message with a pose; an invalid one is counted."""
