@@ -13,6 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli.terminal import REFUSED, missing_module, say
 from lidar_outlier_filter.ros.executable import main as run
 
 if TYPE_CHECKING:
@@ -72,9 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'address; PORT: on 127.0.0.1, default: any free port',
     )
     options = parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
-    if options.page is None:
-        return run(lifecycle=options.lifecycle)
-    return run(lifecycle=options.lifecycle, attach=partial(serve_page, port=options.page))
+    attach = id if options.page is None else partial(serve_page, port=options.page)
+    try:
+        return run(lifecycle=options.lifecycle, attach=attach)
+    except ModuleNotFoundError as err:
+        say(str(missing_module(err)))
+        return REFUSED
 
 
 def port(text: str) -> int:

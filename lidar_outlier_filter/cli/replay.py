@@ -60,6 +60,9 @@ def _show(report: ReplayReport) -> None:
         if topic.refused:
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
             say(f'{clouds} were refused and have no output, for: {topic.refused_because}')
+        if topic.without_pose:
+            clouds = f'{topic.without_pose} of {topic.messages} clouds of {topic.topic}'
+            say(f'{clouds} have points without poses, which were judged in the frame of the sensor')
         if topic.untested_because:
             say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:

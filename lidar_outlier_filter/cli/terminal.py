@@ -31,6 +31,8 @@ LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no te
 DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
+MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
+EXTRAS |= dict.fromkeys(('rclpy', *MESSAGES), 'ros')
 
 
 class Advance(Protocol):
@@ -81,7 +83,9 @@ def missing_module(err: ModuleNotFoundError) -> FilterError:
         return FilterError('the module rosbags', where, 'none')
     if module not in EXTRAS:
         raise err
-    must_be = f"installed for this command: pip install '.[{EXTRAS[module]}]' in the project"
+    extra = EXTRAS[module]
+    source = 'source ROS 2, or ' if extra == 'ros' else ''
+    must_be = f"installed for this command: {source}pip install '.[{extra}]' in the project"
     return FilterError(f'the module {module}', must_be, 'none')
 
 

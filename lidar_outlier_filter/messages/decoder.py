@@ -78,6 +78,7 @@ class Decoder:
         self.convention: Convention | None = None  # of the last cloud with a valid point
         self._conventions: dict[np.dtype[np.void], Convention] = {}
         self._clocks: dict[np.dtype[np.void], columns.Counter] = {}
+        self._reports = 0  # of conventions
         self._counter = LineCounter()
         self._previous_counter = self._counter
         self._mask = mask_of(parameters)
@@ -171,9 +172,6 @@ class Decoder:
         is_final = found is not None and found.is_final
         if found is not None and ((is_final and found.unit_is_known) or not valid.any()):
             return self._noting_counter(found, view, valid)
-        if found is None and len(self._conventions) == MAX_LAYOUTS:
-            must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
-            raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
         if not valid.any():
             return None
         new = self._detect(view, valid)
@@ -191,11 +189,23 @@ class Decoder:
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Keep the convention for later clouds of this layout, and report it once."""
         self.convention = convention
-        previous = self._conventions.get(dtype)
+        previous = self._conventions.pop(dtype, None)
+        if len(self._conventions) == MAX_LAYOUTS:
+            # That which was used longest ago; a flood of layouts must not refuse honest ones.
+            oldest = next(iter(self._conventions))
+            del self._conventions[oldest]
+            self._clocks.pop(oldest, None)
         self._conventions[dtype] = convention
-        if previous is None or str(previous) != str(convention):
+        is_new = previous is None or str(previous) != str(convention)
+        is_worse = convention.warning and (
+            previous is None or previous.warning != convention.warning
+        )
+        if self._reports == MAX_LAYOUTS or not (is_new or is_worse):
+            return
+        self._reports += 1
+        if is_new:
             self._inform(str(convention))
-        if convention.warning and (previous is None or previous.warning != convention.warning):
+        if is_worse:
             names = short(', '.join(dtype.names or ()))
             self._warn(f'among the fields {names} there is {convention.warning}')
 

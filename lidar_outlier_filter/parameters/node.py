@@ -83,7 +83,14 @@ class HealthLimits:
         0.0,
         1.0,
     )
-    rejected_warn: float = declare(0.5, 'Share of the points that were rejected.', '', 0.0, 1.0)
+    rejected_warn: float = declare(
+        0.0,
+        'Share of the points that were rejected; 0: half of them, or more than is usual for a '
+        'detector.',
+        '',
+        0.0,
+        1.0,
+    )
     untested_warn: float = declare(
         0.9, 'Share of the points that no detector could test.', '', 0.0, 1.0
     )

@@ -6,7 +6,7 @@ Only the points that detectors see are moved. Published clouds keep their frame 
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Generic, Protocol
 
@@ -17,6 +17,7 @@ from lidar_outlier_filter.core.points.poses import SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.statistics import CountsByReason
+from lidar_outlier_filter.pipeline.topics import ODOMETRY
 
 
 class PoseSource(Protocol):
@@ -24,6 +25,11 @@ class PoseSource(Protocol):
 
     topic: str  # of nav_msgs/Odometry; empty: none
     refusals: CountsByReason  # of poses
+
+    @property
+    def listeners(self) -> Mapping[tuple[str, str], Callable[[Any], None]]:
+        """The methods that take the messages, by topic, as given, and type."""
+        ...
 
     def take(self, msg: Any) -> None:
         """Add the next message with a pose; an invalid one is counted."""
@@ -53,6 +59,7 @@ class Odometry:
         motion = parameters.motion
         self.topic = motion.topic
         self.refusals = CountsByReason()
+        self.listeners = {(self.topic, ODOMETRY): self.take}
         self._track = Track(motion.max_gap, parameters.time_jump)
         self._extrinsics = SensorExtrinsics.at(
             (motion.x, motion.y, motion.z), (motion.roll, motion.pitch, motion.yaw)

@@ -258,7 +258,7 @@ class Pipeline:
         chain = Chain(parameters)
         try:
             # The new chain is tried, and its kernels compiled, before the next cloud.
-            if self._compiles or is_ready(parameters):
+            if self._compiles and not is_ready(parameters):
                 make_ready(parameters)
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))

@@ -5,17 +5,24 @@
 import re
 
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.pipeline.compressed import FORMATS
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'point_cloud_interfaces/msg/CompressedPointCloud2'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
 # Words of letters, digits and single underscores, between slashes; no word begins with a digit.
 _NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 
 def output_topics(topic: str) -> tuple[str, str]:
-    """Return the topics of the cleaned and of the outlier clouds of ``topic``."""
+    """Return the topics of the cleaned and of the outlier clouds of ``topic``.
+
+    A topic of point_cloud_transport is named after the plain one and the format: outputs are plain.
+    """
+    plain, _, last = topic.rpartition('/')
+    topic = plain if plain and last in FORMATS else topic
     return topic + CLEANED, topic + OUTLIERS
 
 

@@ -126,8 +126,12 @@ class SensorWatch:
                 self._tally = self._tally._replace(kept=_grown(self._tally.kept, rings))
             _count(points.xyz, line, cloud.verdict.rejected[cloud.where], self._tally)
 
-    def sample(self, limits: HealthLimits) -> SensorView | None:
-        """Return the view since the last sample; None: no cloud."""
+    def sample(self, limits: HealthLimits, *, is_whole: bool = True) -> SensorView | None:
+        """Return the view since the last sample; None: no cloud.
+
+        Unless it ``is_whole``, clouds are missing: the sectors that they show would seem dirty. So
+        nothing is said of missing returns and of the visibility, and nothing is learnt.
+        """
         with self._lock:
             tally, clouds = self._tally, self._clouds
             self._tally, self._clouds = _ViewTally.nothing(len(tally.kept)), 0
@@ -136,13 +140,16 @@ class SensorWatch:
         now, steps = tally.kept / clouds, tally.steps / clouds
         now = _grown(now, len(self._usual))
         self._usual, self._change = (_grown(one, len(now)) for one in (self._usual, self._change))
-        no_return = self._no_return(now)
+        no_return = self._no_return(now) if is_whole else np.full(SECTORS, math.nan)
         # NaN is no number that is above a limit: sectors that nothing is known of count, too.
         open_ = ~(no_return - _usual_share(no_return) > limits.blind)
-        visibility = self._visibility(steps[open_].sum(axis=0), open_)
+        visibility = math.nan
+        if is_whole:
+            visibility = self._visibility(steps[open_].sum(axis=0), open_)
         with np.errstate(invalid='ignore'):
             view = SensorView(tally.rejected / tally.points, no_return, visibility)
-        if now.any() and (self._samples < MIN_SAMPLES or not view.complaints(limits)):
+        learns = self._samples < MIN_SAMPLES or not view.complaints(limits)
+        if is_whole and now.any() and learns:
             self._learn(now, steps)
         return view
 

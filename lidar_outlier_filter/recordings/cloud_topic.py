@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,14 @@ from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingErr
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import MotionParameters
 from lidar_outlier_filter.pipeline.compressed import decompressed
-from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
+from lidar_outlier_filter.pipeline.tf import DYNAMIC, STATIC, pose_source
 from lidar_outlier_filter.pipeline.topics import (
     CLOUD,
     COMPRESSED,
     ODOMETRY,
+    TRANSFORMS,
     output_topics,
     resolve,
 )
@@ -102,6 +105,7 @@ class TopicReport:
 
     ``refused`` clouds have no output; ``refusals`` counts them by reason, and
     ``sentences`` has the first sentence for each. ``gaps`` counts gaps between clouds.
+    Under ``motion.source``, ``without_pose`` counts clouds with points that were not moved.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order;
     those on the own vehicle are rejected by ``mask``.
     """
@@ -119,6 +123,7 @@ class TopicReport:
     undecided_by: Mapping[str, int]
     sentences: Mapping[str, str]
     gaps: int = 0
+    without_pose: int = 0
 
     @property
     def refused_because(self) -> str:
@@ -146,15 +151,12 @@ class CloudTopic:
         parameters: FilterParameters,
         inform: Callable[[str], object] = str,
         chain: Chain | None = None,
-        motion: Odometry | None = None,
+        motion: PoseSource | None = None,
     ) -> None:
         """Filter a topic; ``chain`` and ``motion`` replace those of the parameters."""
         self.topic = topic
         self._parameters = parameters
-        if motion is None and parameters.motion.source == 'odometry':
-            motion = Odometry(parameters)
-        self.odometry = '' if motion is None else resolve(motion.topic)
-        self._motion = motion
+        self._motion = motion = pose_source(parameters) if motion is None else motion
         name = resolve(topic.name)
 
         def say(text: str) -> None:
@@ -183,8 +185,9 @@ class CloudTopic:
         """The methods that receive messages, by topic name and type."""
         found: dict[tuple[str, str], Callable[[int, bytes], None]]
         found = {(self.topic.name, self.topic.msgtype): self.feed}
-        if self.odometry:
-            found[self.odometry, ODOMETRY] = self.feed_pose
+        if self._motion is not None:
+            for (name, msgtype), take in self._motion.listeners.items():
+                found[resolve(name), msgtype] = partial(self._feed_pose, msgtype, take)
         return found
 
     def begin(self, bag: NewBag, names: set[str]) -> None:
@@ -223,16 +226,16 @@ class CloudTopic:
             finished = self.pipeline.advance()
         self._write(finished)
 
-    def feed_pose(self, _time: int, data: bytes) -> None:
-        """Pass on an odometry message, and write the output clouds that it completes."""
-        if self._motion is None:
-            return
+    def _feed_pose(
+        self, msgtype: str, take: Callable[[Any], None], _time: int, data: bytes
+    ) -> None:
+        """Pass on a message with poses, and write the output clouds that it completes."""
         try:
-            msg = self._types.deserialize_cdr(data, ODOMETRY)
+            msg = self._types.deserialize_cdr(data, msgtype)
         except SerdeError:
-            self._motion.refusals.note('the CDR bytes')
+            self.pipeline.statistics.poses.note('the CDR bytes')
             return
-        self._motion.take(msg)
+        take(msg)
         self._write(self.pipeline.advance())
 
     def finish(self) -> None:
@@ -272,6 +275,7 @@ class CloudTopic:
             {name: counts.undecided[name] for name in parameters.chain},
             dict(self._sentences),
             self._times.gaps,
+            counts.without_pose,
         )
 
 
@@ -304,8 +308,9 @@ def cloud_topics(source: Recording) -> dict[str, Topic]:
 
 def check_motion(source: Recording, motion: MotionParameters) -> None:
     """Refuse motion that a recording does not hold."""
-    if motion.source == 'tf':
-        must_be = "'none' or 'odometry' for a recording"
+    kinds = {channel.name: channel.msgtype for channel in source.topics}
+    if motion.source == 'tf' and TRANSFORMS not in {kinds.get(DYNAMIC), kinds.get(STATIC)}:
+        must_be = f"'none' or 'odometry' for a recording without {DYNAMIC} and {STATIC}"
         raise ParameterError('motion.source', must_be, repr(motion.source))
     topic = resolve(motion.topic)
     names = [channel.name for channel in source.topics if channel.msgtype == ODOMETRY]

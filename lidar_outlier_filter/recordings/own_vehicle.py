@@ -14,6 +14,7 @@ from lidar_outlier_filter.core.points.points import SECOND, Points, concatenate
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.tf import DYNAMIC
 from lidar_outlier_filter.pipeline.topics import ODOMETRY
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
@@ -71,21 +72,25 @@ def learn_mask(
     for points, place in _turns(clouds):
         learner.add(points, place)
         progress(learner.turns, 0)
-    moved = parameters.motion.source == 'odometry'
+    by = {'odometry': parameters.motion.topic, 'tf': DYNAMIC}.get(parameters.motion.source, '')
     if learner.turns and not clouds.read.pipeline.has_rings:
         must_be = 'the rings of the sensor, by a field or by rows'
         raise RecordingError(
             f'the scan lines of {recording}', must_be, clouds.read.pipeline.convention
         )
+    if learner.contradiction:
+        must_be = 'the rings of a sensor that spins'
+        raise RecordingError(f'the scan lines of {recording}', must_be, learner.contradiction)
     if learner.taken < MIN_TURNS:
-        how = f'{STEP:g} m on by odometry' if moved else f'{100 * CHANGED:g} % of far cells changed'
+        how = f'{STEP:g} m on by {by}' if by else f'{100 * CHANGED:g} % of far cells changed'
         must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
-        got = f'{learner.taken} of {learner.turns}: the vehicle does not move'
+        reason = 'the vehicle does not move' if learner.taken <= 1 else 'the drive is too short'
+        got = f'{learner.taken} of {learner.turns}: {reason}'
         raise RecordingError(f'the recording {recording}', must_be, got)
     return LearntMask(
         learner.learn(),
         clouds.topic,
-        parameters.motion.topic if moved else '',
+        by,
         learner.turns,
         learner.taken,
         clouds.read.report().refused,

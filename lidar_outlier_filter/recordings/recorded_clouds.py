@@ -16,8 +16,9 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS
+from lidar_outlier_filter.pipeline.motion import PoseSource
+from lidar_outlier_filter.pipeline.tf import pose_source
+from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS, output_topics
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
     CloudTopic,
@@ -77,14 +78,15 @@ class RecordedClouds:
         self._parameters = parameters
         self._requested = topic
         self._with_eyes = with_eyes
-        self._moves = (with_eyes or with_path) and parameters.motion.source == 'odometry'
+        self._sees = with_eyes or with_path
 
     def __iter__(self) -> Iterator[RecordedCloud]:
         """Read them."""
         self.times = []
         taken: list[RecordedCloud] = []
         parameters = self._parameters
-        motion = _SeeingOdometry(parameters, every=self._with_eyes) if self._moves else None
+        poses = pose_source(parameters) if self._sees else None
+        motion = None if poses is None else _Seeing(poses, every=self._with_eyes)
 
         def take(cloud: StreamCloud, msg: Any, number: int) -> None:
             eye = None if motion is None else motion.taken(cloud.points)
@@ -110,11 +112,13 @@ class RecordedClouds:
         yield from taken
 
 
-class _SeeingOdometry(Odometry):
-    """Odometry that notes where the sensor was, for each cloud that it moves."""
+class _Seeing:
+    """A pose source that notes where the sensor was, for each cloud that it moves."""
 
-    def __init__(self, parameters: FilterParameters, *, every: bool) -> None:
-        super().__init__(parameters)
+    def __init__(self, source: PoseSource, *, every: bool) -> None:
+        self.topic, self.refusals, self.listeners = source.topic, source.refusals, source.listeners
+        self.take, self.reaches, self.reset = source.take, source.reaches, source.reset
+        self._source = source
         self._every = every  # for each point, or for one
         # By the identity of the points' array of times, which is kept, so that no other has it.
         self._eyes: dict[int, tuple[Ints, Floats]] = {}
@@ -125,13 +129,14 @@ class _SeeingOdometry(Odometry):
         return eye
 
     def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
-        moved, known = super().move(points, frame)
+        """Move points, and note from where they were seen."""
+        moved, known = self._source.move(points, frame)
         if known.any() or not len(known):
             seen = points if self._every else points.take(np.flatnonzero(known)[:1])
             eye = np.empty((len(seen), 4, 3))
             for k, position in enumerate((np.zeros(3), *np.eye(3))):
                 xyz = np.tile(position, (len(seen), 1))
-                eye[:, k] = super().move(replace(seen, xyz=xyz, own=None), frame)[0].xyz
+                eye[:, k] = self._source.move(replace(seen, xyz=xyz, own=None), frame)[0].xyz
             self._eyes[id(moved.t)] = moved.t, eye
         return moved, known
 
@@ -147,7 +152,7 @@ class _Nothing(Chain):
 def _choose(source: Recording, topic: str | None) -> Topic:
     """Find the topic of clouds that is named, or the only one that is not an output."""
     names = cloud_topics(source)
-    outputs = {name + ending for name in names for ending in (CLEANED, OUTLIERS)}
+    outputs = {output for name in names for output in output_topics(name)}
     inputs = [name for name in names if name not in outputs]
     if topic is None and len(inputs) == 1:
         return names[inputs[0]]
@@ -176,9 +181,12 @@ def split_clouds(
 ) -> Iterator[tuple[bool | None, Any]]:
     """Yield messages, and whether their points were rejected; None: an input."""
     kinds: dict[str, bool | None] = {topic + CLEANED: False, topic + OUTLIERS: True}
+    names = cloud_topics(source)
     if with_inputs:
-        kinds[topic] = None
-    channels = [topic for name, topic in cloud_topics(source).items() if name in kinds]
+        # Its own name, or that of the compressed one that outputs are not named after.
+        given = {name for name in names if output_topics(name)[0] == topic + CLEANED}
+        kinds |= dict.fromkeys(given or {topic})
+    channels = [channel for name, channel in names.items() if name in kinds]
     if len(channels) < len(kinds):
         must_be = f'with {topic}, which the labels are for'
         raise RecordingError(f'the recording {source.path}', must_be, f'no {topic}')

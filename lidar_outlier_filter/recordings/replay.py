@@ -127,16 +127,16 @@ def _copy(
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
+    listeners: dict[tuple[str, str], list[Callable[[int, bytes], object]]] = {}
     for stream in streams.values():
         stream.begin(bag, names)
-        listeners.update(stream.listeners)
+        for key, take in stream.listeners.items():
+            listeners.setdefault(key, []).append(take)
     done = 0
     for topic, time, data in source.messages():
         if topic not in dropped:
             bag.write(topic, time, data)
-        listener = listeners.get((topic.name, topic.msgtype))
-        if listener is not None:
+        for listener in listeners.get((topic.name, topic.msgtype), ()):
             listener(time, data)
         done += 1
         progress(done, source.message_count)

@@ -138,7 +138,7 @@ class RecordedSource:
         """Name the recording; the truth is a field of the clouds, or in a file for each."""
         self.name = recording.name
         self.parameters = parameters
-        self.found = SourceFacts(moved=parameters.motion.source == 'odometry')
+        self.found = SourceFacts(moved=parameters.motion.source != 'none')
         self._clouds = RecordedClouds(recording, parameters, topic, with_path=True)
         self._labels = CloudLabels(topic or 'the topic', label, files)
         self._required = bool(label)

@@ -31,11 +31,14 @@ class Received:
 class Inbox:
     """Between the thread that receives and the one that filters: bounded, in order.
 
-    Commands are done between two clouds: at once, or in their turn among the clouds.
+    Commands are done between two clouds: at once, or in their turn among the clouds. Of changes
+    only the newest is done, and where clouds wait, one of them between two changes.
 
     Attributes
     ----------
     clouds, size : the clouds that wait, and their bytes
+    starting : whether the filter is not ready: clouds wait for it, unless ``load.policy`` is
+        pass_through
     closed : whether nothing is expected any more
 
     """
@@ -46,8 +49,10 @@ class Inbox:
         self._changed = threading.Condition()
         self._items: deque[Received | Command] = deque()
         self._commands: deque[Command] = deque()
+        self._change: Command | None = None
+        self._is_clouds_turn = False  # a change was done while it waited
         self.clouds = self.size = 0
-        self._woken = self.closed = False
+        self._woken = self.closed = self.starting = False
 
     @property
     def fill(self) -> float:
@@ -75,6 +80,15 @@ class Inbox:
             (self._items if in_turn else self._commands).append(command)
             self._changed.notify()
 
+    def change(self, command: Command) -> None:
+        """Let the other thread run a command before the next cloud, in place of one that waits.
+
+        A command for each step of a slider would hold up the clouds behind it.
+        """
+        with self._changed:
+            self._change = command
+            self._changed.notify()
+
     def wake(self) -> None:
         """Let ``take`` return."""
         with self._changed:
@@ -93,6 +107,7 @@ class Inbox:
             if discard:
                 self._items.clear()
                 self._commands.clear()
+                self._change = None
                 self.clouds = self.size = 0
             self._changed.notify()
 
@@ -111,7 +126,7 @@ class Inbox:
     def done(self) -> bool:
         """Whether it is closed and empty, read at one time."""
         with self._changed:
-            return self.closed and not (self._items or self._commands)
+            return self.closed and not (self._items or self._commands or self._change)
 
     def take(self, seconds: float | None) -> Received | Command | None:
         """Wait, for ``seconds`` at most, and return what comes next; None for nothing."""
@@ -119,11 +134,16 @@ class Inbox:
             self._changed.wait_for(self._is_due, seconds)
             if self._commands:
                 return self._commands.popleft()
-            if not self._items:
+            if self._change is not None and not (self._is_clouds_turn and self._has_items):
+                command, self._change = self._change, None
+                self._is_clouds_turn = self._has_items
+                return command
+            if not self._has_items:
                 # Only now: a woken thread polls when it is given nothing to do.
                 self._woken = False
                 return None
             item = self._items.popleft()
+            self._is_clouds_turn = False
             if isinstance(item, Received):
                 self.clouds -= 1
                 self.size -= len(item.data)
@@ -137,7 +157,14 @@ class Inbox:
                     item.at = now
 
     def _is_due(self) -> bool:
-        return bool(self._items or self._commands or self._woken or self.closed)
+        waits = self._has_items or self._commands or self._change
+        return bool(waits or self._woken or self.closed)
+
+    @property
+    def _has_items(self) -> bool:
+        """Whether a cloud, or a command among them, may be taken."""
+        is_held = self.starting and self.load.policy != 'pass_through' and not self.closed
+        return bool(self._items) and not is_held
 
     def _add(self, item: Received) -> None:
         self._items.append(item)

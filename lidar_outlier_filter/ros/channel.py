@@ -3,6 +3,7 @@
 """One topic in a node: its subscriptions, worker and publishers."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -37,6 +38,7 @@ Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud,
 # Messages kept while the executor is busy: the middleware replaces the oldest without a notice.
 INPUT_DEPTH, ODOMETRY_DEPTH = 50, 1000
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
+WAIT_PERIOD = 5.0  # seconds between two log lines about a filter that is not ready
 MEGABYTE = 1e6
 
 
@@ -57,6 +59,7 @@ class Channel:
         self._parameters = parameters
         self._motion = make_motion(node, parameters)
         self._compiler: Compiler | None = None
+        self._waited = 0.0  # seconds for the kernels
         # Its kernels become ready while the node subscribes already.
         self._filter = Pipeline(
             parameters, self._log_info, self._log_warning, self._motion, compiles=False
@@ -65,6 +68,8 @@ class Channel:
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
         self._watch = SensorWatch()
+        # Clouds that were not judged, at the last samples. One that was lost may show in the next.
+        self._unseen: deque[int] = deque(maxlen=3)
         self._filter.show.append(
             lambda cloud, _: self._watch.add(cloud, has_rings=self._filter.has_rings)
         )
@@ -89,9 +94,9 @@ class Channel:
 
     def start(self, compiler: Compiler) -> None:
         """Subscribe, and filter in a thread of its own when kernels are ready; also again."""
-        self._compiler = compiler
+        self._compiler, self._waited = compiler, 0.0
         self.worker.inbox.reopen()
-        self.worker.ready.clear()
+        self.worker.wait_until_ready()
         self.worker.start(f'filter {self.topic}')
         if self._motion is not None and self._motion.topic:
             self._odometry = self._subscribe(
@@ -122,12 +127,13 @@ class Channel:
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
         self._warn_of_losses(seconds)
+        self._say_it_waits(seconds)
         at = self.worker.oldest
         oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
         megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
         backlog = Backlog(inbox.clouds, megabytes, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
-        remarks, view = self._remarks(), self._watch.sample(limits)
+        remarks, view = self._remarks(), self._watch.sample(limits, is_whole=self._is_whole())
         return self.health.sample(seconds, limits, max_delay, backlog, remarks, view)
 
     def close(self) -> None:
@@ -150,6 +156,12 @@ class Channel:
         self.stop()
         self.publisher.destroy()
 
+    def _is_whole(self) -> bool:
+        """Return whether the stream of judged clouds had no gap lately."""
+        counts = self.statistics
+        self._unseen.append(self.health.losses().total() + counts.refused + counts.resets)
+        return len(set(self._unseen)) == 1
+
     def _remarks(self) -> list[str]:
         remarks = []
         if self._compiler is not None and self._compiler.compiling:
@@ -167,6 +179,15 @@ class Channel:
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set but /clock is not published')
         return remarks
+
+    def _say_it_waits(self, seconds: float) -> None:
+        """Log from time to time that the filter is not ready; ``seconds`` since the last call."""
+        if self._compiler is None or self.worker.ready.is_set():
+            return
+        before, self._waited = self._waited, self._waited + seconds
+        if self._waited // WAIT_PERIOD > before // WAIT_PERIOD:
+            said = f'{self._compiler.compiling}; clouds that wait: {self.worker.inbox.clouds}'
+            self._log_warning(f'not ready after {self._waited:.0f} s: {said}')
 
     def _warn_of_losses(self, seconds: float) -> None:
         """Warn of lost or unfiltered clouds if due; ``seconds`` is the time since the last call."""

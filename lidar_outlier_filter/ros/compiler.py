@@ -121,7 +121,8 @@ class Compiler:
         self._ready(parameters)
 
     def _compile(self, requested: FilterParameters, processes: Processes) -> None:
-        until = 'clouds pass unfiltered meanwhile'
+        passes = requested.load.policy == 'pass_through'
+        until = 'clouds pass unfiltered meanwhile' if passes else 'no output until then'
         if self._now is not None:
             until = f'{", ".join(self._now.chain)} filters meanwhile'
         sentence = f'compiling {", ".join(requested.chain)}; {until}'

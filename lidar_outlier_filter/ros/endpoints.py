@@ -13,10 +13,11 @@ from contextlib import suppress
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
 
 from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
@@ -45,6 +46,9 @@ class SplitCloudPublisher:
             )
             for name in _output_names(node, topic)
         )
+        # Latched: who subscribes later knows it, too.
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._state = node.create_publisher(String, f'{self.cleaned.topic_name}/state', latched)
 
     @property
     def requested(self) -> tuple[bool, bool]:
@@ -64,6 +68,11 @@ class SplitCloudPublisher:
                 publisher.publish(cloud)
         return True
 
+    def say(self, state: str) -> None:
+        """Publish what the clouds are from now on: filtered, unfiltered, or none."""
+        if self._context.ok():
+            self._state.publish(String(data=state))
+
     def wait(self) -> None:
         """Wait until every subscriber has the last clouds of both topics."""
         for publisher in (self.cleaned, self.outliers):
@@ -71,7 +80,7 @@ class SplitCloudPublisher:
 
     def destroy(self) -> None:
         """Destroy the publishers."""
-        for publisher in (self.cleaned, self.outliers):
+        for publisher in (self.cleaned, self.outliers, self._state):
             self._node.destroy_publisher(publisher)
 
 

@@ -34,6 +34,18 @@ DEGRADED = Treatment.DEGRADE.value
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
 COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
+# Shares of the points that a detector rejects at most, as a rule: several times what it rejects
+# in dry air (doc/results), and above it in heavy snow or where lines are misread.
+USUAL_SHARES = {
+    'boosted_trees': 0.05,
+    'alpha_beta_gamma': 0.05,
+    'quadric': 0.05,
+    'elevation': 0.1,
+    'sor': 0.1,
+    'lof': 0.15,
+    'hierarchical': 0.6,
+}
+MOST_REJECTED = 0.5  # of all points, by any detectors
 BY_POLICY = {DROPPED, UNFILTERED, DEGRADED}  # load.policy decides these
 
 
@@ -243,6 +255,7 @@ class _Sample:
             silence += f', publishers: {self.backlog.publishers} ({self.advice})'
         late = f'the 95th percentile of the delay is {delay:.2f} s, max_delay {max_delay:g} s'
         rejected, untested = self.share('outliers'), self.share('untested')
+        yield from self._unusual(limits)
         for name, value, text in (
             ('silence', self.silent, silence),
             ('delay', delay / max_delay, late),
@@ -250,8 +263,18 @@ class _Sample:
             ('rejected', rejected, f'{100 * rejected:.1f} % of the points are rejected'),
             ('untested', untested, f'{100 * untested:.1f} % of the points are untested'),
         ):
-            if value > getattr(limits, f'{name}_warn'):
+            limit = getattr(limits, f'{name}_warn')
+            if value > (limit or (MOST_REJECTED if name == 'rejected' else 0)):
                 yield ERROR if value > ERROR_LIMITS[name] else WARN, text
+
+    def _unusual(self, limits: HealthLimits) -> Iterator[tuple[int, str]]:
+        """Name the detectors that reject more than is usual, unless a limit for all is set."""
+        rejected = self.now.rejected - self.before.rejected
+        for name, usual in USUAL_SHARES.items():
+            share = rejected[name] / max(self.since('points'), 1)
+            if share > usual and not limits.rejected_warn:
+                said = f'{100 * share:.1f} % of the points, usually at most {100 * usual:g} %'
+                yield WARN, f'{name} rejects {said}'
 
     def _unfiltered(self) -> tuple[float, str]:
         """Return the share of clouds that were not filtered fully, and a sentence on them."""

@@ -248,7 +248,11 @@ def _write_whole(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if os.path.lexists(path):
         is_plain = not path.is_symlink() and (path.is_file() or path.is_dir())
-        begin = path.read_bytes()[: len(SAVED)] if is_plain else b''
+        begin = b''
+        # Files of the system may block, and say that they are empty; others may be endless.
+        if is_plain and path.stat().st_size >= len(SAVED):
+            with path.open('rb') as stream:
+                begin = stream.read(len(SAVED))
         if begin != SAVED.encode():
             must_be = 'new, or saved by ~/save_parameters'
             raise ParameterError('the file', must_be, shown(str(path)))

@@ -181,6 +181,9 @@ class OutlierFilterNode(TunableNode):
             _refuse_topic('a topic of inputs', name)
         if len({self.resolve_topic_name(name) for name in names}) < len(names):
             raise ParameterError('inputs', 'different topics', repr(list(names)))
+        if len({output_topics(self.resolve_topic_name(name)) for name in names}) < len(names):
+            must_be = 'one topic of a sensor, plain or compressed: both have the same outputs'
+            raise ParameterError('inputs', must_be, repr(list(names)))
         return names
 
     def apply(self, parameters: FilterParameters) -> str:
@@ -199,7 +202,7 @@ class OutlierFilterNode(TunableNode):
             self._is_ready = True
             self.get_logger().info(ready_line(parameters, self.channels))
             for channel in self.channels:
-                channel.worker.between_clouds(channel.worker.ready.set)
+                channel.worker.between_clouds(channel.worker.begin)
 
     def _between_clouds(self, command: Callable[[], None]) -> None:
         for channel in self.channels[:1]:

@@ -21,6 +21,9 @@ from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatmen
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, read_cloud
 from lidar_outlier_filter.ros.health import DROPPED, Health
 
+# What ~/state says of the clouds on `cleaned`, with a reason
+NONE, UNFILTERED, FILTERED = 'none: ', 'unfiltered: ', Treatment.FILTER.value
+NOT_READY, OVERLOAD, DISABLED = 'not ready', 'overload', 'disabled'
 SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
 
 
@@ -54,6 +57,7 @@ class Worker:
         self._thread: threading.Thread | None = None
         self.ready = threading.Event()  # the kernels are
         self.ready.set()
+        self._state = ''  # published last
         self._taken: Received | None = None  # the cloud that is filtered
         self._waits: Received | None = None  # the cloud that has waited longest for its output
 
@@ -66,7 +70,10 @@ class Worker:
 
     def start(self, name: str) -> None:
         """Filter in a thread of its own."""
-        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
+        passes = self._parameters.load.policy == 'pass_through'
+        self._filter.pass_failed = passes
+        if self.enabled and not self.ready.is_set():
+            self._say(UNFILTERED + NOT_READY if passes else NONE + NOT_READY)
         self.clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
@@ -76,6 +83,17 @@ class Worker:
         """When the cloud was received that has waited longest; None where none waits."""
         waiting = self._waits or self._taken
         return self.inbox.oldest if waiting is None else waiting.at
+
+    def wait_until_ready(self) -> None:
+        """Publish no cloud until :meth:`begin`, unless ``load.policy`` is pass_through."""
+        self.inbox.starting = True
+        self.ready.clear()
+
+    def begin(self) -> None:
+        """Filter: the kernels are ready."""
+        self.inbox.starting = False
+        self.ready.set()
+        self._say(FILTERED if self.enabled else UNFILTERED + DISABLED)
 
     def join(self) -> None:
         """Wait until all that the closed inbox held is filtered."""
@@ -98,7 +116,10 @@ class Worker:
             self._parameters = parameters
 
         self.inbox.load = parameters.load
-        self.between_clouds(apply)
+        if self._thread is None:
+            apply()
+        else:
+            self.inbox.change(apply)
 
     def enable(self, *, on: bool) -> None:
         """Filter the clouds that come from now on, or let them pass as they are."""
@@ -108,6 +129,8 @@ class Worker:
                 # Clouds that would complete their blocks are not read any more.
                 self._publish(self._filter.flush_pending())
             self.enabled = on
+            if self.ready.is_set():
+                self._say(FILTERED if on else UNFILTERED + DISABLED)
 
         self.between_clouds(apply, in_turn=True)
 
@@ -182,10 +205,14 @@ class Worker:
         return (self._due - self.clock.now()) / SECOND
 
     def _take(self, received: Received) -> None:
-        """Filter a cloud, or do with it what the load allows; unfiltered while kernels compile."""
+        """Filter a cloud, or do with it what the load allows."""
         began = perf_counter()
         treatment = self._treat(received)
-        if treatment is Treatment.DROP and self.ready.is_set():
+        if self.enabled and not self.ready.is_set():
+            # At the end all clouds are taken, ready or not.
+            passes = self._parameters.load.policy == 'pass_through'
+            treatment = Treatment.PASS if passes else Treatment.DROP
+        if treatment is Treatment.DROP:
             self._health.missed(DROPPED)
             return
         try:
@@ -195,13 +222,17 @@ class Worker:
             return
         self._health.read(len(received.msg.data) // max(received.msg.point_step, 1))
         if self.enabled and not self.ready.is_set():
+            self._say(UNFILTERED + NOT_READY)
             self._publish(self._process(received.msg, received, 'compiling'))
         elif treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
             self._publish(self._filter.flush_pending())
-            self._publish(self._process(received.msg, received, 'overload'))
+            self._say(UNFILTERED + OVERLOAD)
+            self._publish(self._process(received.msg, received, OVERLOAD))
         else:
             self._filter.degrade(on=treatment is Treatment.DEGRADE)
+            if self.enabled:
+                self._say(treatment.value)
             resets = self._filter.statistics.resets
             self._publish(self._process(received.msg, received))
             if self._filter.statistics.resets > resets:
@@ -226,6 +257,12 @@ class Worker:
         if since > self._parameters.time_jump:
             self._publish(self._filter.reset())
             self._set_back_at = self.clock.steady_now()
+
+    def _say(self, state: str) -> None:
+        """Publish what the clouds are from now on, where that changes."""
+        if state != self._state:
+            self._state = state
+            self._publisher.say(state)
 
     def _publish(self, results: Iterable[SplitCloud]) -> None:
         for result in results:
@@ -255,7 +292,7 @@ class Worker:
         An invalid cloud is counted and logged, at a bounded rate, and has no output.
         ``bypassed`` says why it is not to be filtered.
         """
-        bypassed = bypassed or ('' if self.enabled else 'disabled')
+        bypassed = bypassed or ('' if self.enabled else DISABLED)
         if self._thread is not None:
             self._filter.requested_outputs = self._publisher.requested
         try:

@@ -133,11 +133,11 @@ def peer_works(xyz: Floats, native: NativePeers | None) -> list[Work]:
     some = xyz[: len(xyz) // SLOW]
     sor_name = f'SOR({NEIGHBOURS}, {MULTIPLIER})'
     works = []
-    if peers.has_open3d():
+    if peers.loads('open3d'):
         remove = peers.open3d_cloud(xyz).remove_statistical_outlier
         name, call = f'Open3D: {sor_name}', partial(remove, NEIGHBOURS, MULTIPLIER)
         works.append(Work(name, len(xyz), call))
-    if find_spec('small_gicp') is not None:
+    if peers.loads('small_gicp'):
         call = partial(peers.small_gicp_sor, xyz, NEIGHBOURS, MULTIPLIER)
         same(f'small_gicp: {sor_name}', call(), peers.sor(xyz, NEIGHBOURS, MULTIPLIER))
         works.append(Work(f'small_gicp: {sor_name}', len(xyz), call))
@@ -147,7 +147,7 @@ def peer_works(xyz: Floats, native: NativePeers | None) -> list[Work]:
         call = partial(native.sor, some.astype(np.float32), NEIGHBOURS, MULTIPLIER)
         same(f'PCL: {sor_name}', call(), peers.sor(some, NEIGHBOURS, MULTIPLIER))
         works.append(Work(f'PCL: {sor_name}', len(some), call))
-    if find_spec('sklearn') is not None:
+    if peers.loads('sklearn'):
         name = f'scikit-learn: LOF({NEIGHBOURS})'
         works.append(Work(name, len(some), lambda: peers.lof(some, NEIGHBOURS)))
     return works
@@ -281,7 +281,8 @@ def _growth(xyz: Floats) -> str:
 
 def _conditions(native: NativePeers | None) -> str:
     """Say how it was measured, and which peers are missing."""
-    missing = [f'{name}: not installed' for name in PEERS if find_spec(name) is None]
+    why = {True: 'not installed', False: 'cannot be loaded'}
+    missing = [f'{name}: {why[find_spec(name) is None]}' for name in PEERS if not peers.loads(name)]
     if native is None or not native.has_pcl:
         missing.append('PCL: ' + ('no C++ compiler' if native is None else 'not installed'))
     left = '; '.join((*missing, *OTHERS))

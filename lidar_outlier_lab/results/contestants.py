@@ -5,7 +5,6 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Floats, Reals
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
-from lidar_outlier_lab.results.peers import has_open3d, lof, open3d_cloud, rejected_but
+from lidar_outlier_lab.results.peers import loads, lof, open3d_cloud, rejected_but
 from lidar_outlier_lab.results.samples import Sample
 
 Judge = Callable[[Floats], 'Judgement']
@@ -150,12 +149,12 @@ OURS: tuple[Ours, ...] = (
 def peers() -> tuple[Contestant, ...]:
     """List the peers that are installed."""
     found: list[Contestant] = []
-    if has_open3d():
+    if loads('open3d'):
         found += [
             peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
             peer(f'Open3D radius({MIN_NEIGHBOURS}, {RADIUS})', _open3d_radius, MAX_PEER_POINTS),
         ]
-    if find_spec('sklearn') is not None:
+    if loads('sklearn'):
         name = f'scikit-learn LOF({NEIGHBOURS}) > {FACTOR}'
         found.append(peer(name, _sklearn_lof, MAX_PEER_POINTS))
     return tuple(found)
@@ -164,7 +163,7 @@ def peers() -> tuple[Contestant, ...]:
 def missing() -> list[str]:
     """List the packages of peers that are not installed."""
     packages = {'open3d': 'Open3D', 'sklearn': 'scikit-learn'}
-    return [name for module, name in packages.items() if find_spec(module) is None]
+    return [name for module, name in packages.items() if not loads(module)]
 
 
 def _open3d_sor(xyz: Floats) -> Judgement:

@@ -5,6 +5,7 @@
 A statistic is what a peer compares with its threshold: the larger, the more of an outlier.
 """
 
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -13,13 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.cli.terminal import say
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.kernels.threads import cores
+from lidar_outlier_filter.errors import quote_error
 
 
-def has_open3d() -> bool:
-    """Return whether Open3D is installed."""
-    return find_spec('open3d') is not None
+@cache
+def loads(module: str) -> bool:
+    """Return whether a peer can be loaded; say once why not, where it is installed."""
+    if find_spec(module) is None:
+        return False
+    try:
+        import_module(module)
+    except (ImportError, OSError) as err:  # as where a library of the system lacks
+        say(f'{module} is left out: it is installed, but cannot be loaded ({quote_error(err)})')
+        return False
+    return True
 
 
 def open3d_cloud(xyz: Floats) -> Any:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers import names
+from helpers import ROOT, names
 from helpers.drives import write_drive
 from helpers.programs import ended
 
@@ -127,6 +127,18 @@ def test_the_caller_keeps_its_handlers() -> None:
         ignore()
         assert [signal.getsignal(number) for number in SIGNALS] == [signal.SIG_IGN] * 2
     assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+def test_tables_name_both_exit_statuses() -> None:
+    """128 + the number of the signal, as shells have it."""
+    rows = [
+        line
+        for page in (ROOT / 'doc').glob('*.md')
+        for line in page.read_text().splitlines()
+        if line.startswith('| 130')
+    ]
+    assert len(rows) == 4
+    assert all(row.startswith('| 130, 143 | interrupted by SIGINT (Ctrl-C), by') for row in rows)
 
 
 @pytest.mark.slow

@@ -160,7 +160,7 @@ def _to_set(changes: dict[str, object]) -> list[Parameter]:
 class Sensor:
     """Publishes clouds for a filter and collects its outputs."""
 
-    def __init__(self, ros: Ros, topic: str, kind: Any = PointCloud2) -> None:
+    def __init__(self, ros: Ros, topic: str, kind: Any = PointCloud2, outputs: str = '') -> None:
         self._ros = ros
         self._matched = Future()
         self.cleaned: list[PointCloud2] = []
@@ -172,10 +172,10 @@ class Sensor:
         )
         self._published = Future()
         self._subscriptions: list[Subscription] = []
-        for name, outputs in (('cleaned', self.cleaned), ('outliers', self.outliers)):
+        for name, received in (('cleaned', self.cleaned), ('outliers', self.outliers)):
             self._subscriptions.append(
                 ros.client.create_subscription(
-                    PointCloud2, f'{topic}/{name}', self._collect(outputs), KEEP_ALL
+                    PointCloud2, f'{outputs or topic}/{name}', self._collect(received), KEEP_ALL
                 )
             )
 

@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
-from helpers.clouds import SECOND, STAMP, cloud
+from helpers.clouds import SECOND, STAMP, STORE, cloud
 from helpers.drives import write_messages
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -21,7 +21,7 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import Odometry as OdometryMotion
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
-from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, TRANSFORMS
 from lidar_outlier_filter.tuning.training import Training, read_training
 
 MAP = np.array([4e5, 5e6, 100.0])  # where the street is
@@ -174,6 +174,36 @@ def write(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> P
     ]
     types = dict.fromkeys(topics, CLOUD) | {'/odom': ODOMETRY}
     return write_messages(path, types, sorted(events, key=lambda event: event[1]))
+
+
+def write_tf(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> Path:
+    """Write the same recording with tf in place of odometry; a frame begins with a slash."""
+    types = STORE.types
+
+    def transforms(parent: str, child: str, msg: Any, position: Any, quaternion: Any) -> bytes:
+        stamp = types['builtin_interfaces/msg/Time'](msg.header.stamp.sec, msg.header.stamp.nanosec)
+        header = types['std_msgs/msg/Header'](stamp, parent)
+        pose = types['geometry_msgs/msg/Transform'](
+            types['geometry_msgs/msg/Vector3'](*map(float, position)),
+            types['geometry_msgs/msg/Quaternion'](*map(float, quaternion)),
+        )
+        one = types['geometry_msgs/msg/TransformStamped'](header, child, pose)
+        return bytes(STORE.serialize_cdr(types[TRANSFORMS]([one]), TRANSFORMS))
+
+    odometry = drive.odometry()
+    mounting = Rotation.from_euler('xyz', ANGLES).as_quat()
+    static = transforms('/base_link', '/lidar', odometry[0], POSITION, mounting)
+    events = [('/tf_static', nanoseconds(odometry[0]), static)]
+    for msg in odometry:
+        p, q = msg.pose.pose.position, msg.pose.pose.orientation
+        data = transforms('odom', 'base_link', msg, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+        events.append(('/tf', nanoseconds(msg) + 3 * SECOND // 100, data))
+    for msg in drive.clouds(drive.own):
+        msg.header.frame_id = '/lidar'
+        data = bytes(serialize_message(msg))
+        events += [(name, nanoseconds(msg) + SECOND // 10, data) for name in topics]
+    kinds = dict.fromkeys(topics, CLOUD) | dict.fromkeys(('/tf', '/tf_static'), TRANSFORMS)
+    return write_messages(path, kinds, sorted(events, key=lambda event: event[1]))
 
 
 class Recorded:

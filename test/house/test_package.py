@@ -3,6 +3,7 @@
 """The package as a whole: what it says of itself, and what colcon makes of it."""
 
 import ast
+import json
 import os
 import re
 import shutil
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 from catkin_pkg.package import parse_package
 from helpers import ROOT, TESTS
+from helpers.programs import ended
 
 import lidar_outlier_filter
 
@@ -155,6 +157,57 @@ def test_rosdep_calls_no_pip() -> None:
     keys = set(re.findall(r'<\w*depend>(.*?)<', (ROOT / 'package.xml').read_text()))
     assert keys >= {'rclpy', 'python3-pytest', 'python3-sphinx'}
     assert not [key for key in keys if key.endswith('-pip') or key == 'mcap-ros2-support']
+
+
+def from_pip() -> dict[str, tuple[str, list[str]]]:
+    """Read the list of what apt lacks: version and hashes, by the name on PyPI."""
+    text = (ROOT / 'config/from_pip.txt').read_text()
+    found = re.findall(
+        r'^(\S+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$', text, re.MULTILINE
+    )
+    assert len(found) == len(re.findall('^[^# ]', text, re.MULTILINE))
+    return {name: (version, given.split()) for name, version, given in found}
+
+
+def test_what_apt_lacks_is_one_list() -> None:
+    """All that the product imports, of the versions that tests run with; the image takes it."""
+    constraints = (ROOT / 'scripts/constraints.txt').read_text()
+    pinned = dict(re.findall(r'^(\S+)==(\S+)', constraints, re.MULTILINE))
+    listed = from_pip()
+    assert {name: version for name, (version, _) in listed.items()}.items() <= pinned.items()
+    needed = (foreign(NAME) & PIP_ONLY - set(EXTRAS)) | {'filterpy'}
+    assert pypi_names(needed) <= set(listed)
+    dockerfile = (ROOT / 'Dockerfile').read_text()
+    assert dockerfile.count('pip install') == dockerfile.count('-r src/') == 1
+    assert '-r src/lidar_outlier_filter/config/from_pip.txt' in dockerfile
+    assert '\nUSER ubuntu\n' in dockerfile
+
+
+IMPORT_ALL = """
+import importlib, json, pkgutil, sys
+import lidar_outlier_filter as package
+for name in json.loads(sys.argv[1]):
+    sys.modules[name] = None
+found = {}
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
+    try:
+        importlib.import_module(module.name)
+    except ImportError as err:
+        found[module.name] = err.name
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow
+def test_all_modules_import_with_what_package_xml_and_the_list_name() -> None:
+    """But for those of extras, which commands name in one sentence."""
+    listed = {'ruamel' if name.startswith('ruamel') else name for name in from_pip()}
+    others = (PIP_ONLY | set(EXTRAS) | words('matplotlib open3d pandas sklearn pytest')) - listed
+    run = ended(sys.executable, '-c', IMPORT_ALL, json.dumps(sorted(others)), folder=ROOT)
+    assert run.returncode == 0, run.stderr
+    lacks = {name.partition('.')[0] for name in json.loads(run.stdout).values()}
+    assert lacks <= set(EXTRAS)
+    assert not lacks & (PIP_ONLY - set(EXTRAS))
 
 
 def test_numpy_is_that_of_ubuntu() -> None:

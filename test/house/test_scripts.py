@@ -210,3 +210,19 @@ def test_tests_of_real_data_are_left_out_together(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
     assert 'tests that need real recordings and clouds are left out' in done.stdout
     assert '1 passed' in done.stdout
+
+
+def test_plugins_of_others_do_not_run(tmp_path: Path) -> None:
+    """Of pytest: dash's cannot be loaded without a browser's driver; scripts load ours alone."""
+    for name in ('dash', 'another'):
+        info = tmp_path / f'{name}-1.0.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
+        (info / 'entry_points.txt').write_text(f'[pytest11]\n{name} = no_such_module\n')
+        words = ('-m', 'pytest', '-n', '0', '--collect-only', '-q', 'test/core/points/test_mask.py')
+        env = {'PYTHONPATH': os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+        alone = {'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'} if name == 'another' else {}
+        done = ended(sys.executable, *words, folder=ROOT, env=env | alone)
+        assert done.returncode == 0, done.stderr
+    script = (ROOT / 'scripts/environment').read_text()
+    assert 'export PYTEST_DISABLE_PLUGIN_AUTOLOAD=1' in script

@@ -151,3 +151,26 @@ def test_fog_is_not_taken_for_dirt(usual: float, dirty: float, count: int) -> No
     assert said[0] == 'the visibility is 20 m'
     assert [one.count('°') for one in said[1:]] == [2] * count
     assert all('105° to 120°' in one for one in said[1:])
+
+
+def test_missing_clouds_are_no_dirt() -> None:
+    """Where packets are lost, or a recording starts again, sectors have fewer returns."""
+    watch = sight.SensorWatch()
+
+    def sample(rows: Floats, *, is_whole: bool) -> sight.SensorView:
+        watch.add(judged(rows), has_rings=True)
+        view = watch.sample(LIMITS, is_whole=is_whole)
+        assert view is not None
+        return view
+
+    for rows in CLEAR:
+        sample(rows, is_whole=True)
+    lost = CLEAR[0][np.abs(azimuth(CLEAR[0]) - 225) > 20]
+    for _ in range(30):
+        view = sample(lost, is_whole=False)
+        assert view.complaints(LIMITS) == []
+        assert np.isnan(view.no_return).all()
+        assert math.isnan(view.visibility)
+    # Nothing was learnt meanwhile.
+    assert 'dirt on the window at 210° to 225°' in sample(lost, is_whole=True).complaints(LIMITS)[0]
+    assert sample(CLEAR[1], is_whole=True).complaints(LIMITS) == []

@@ -53,7 +53,7 @@ def test_outputs_are_those_of_plain_clouds(
     found = content(tmp_path / 'out')
     assert found[f'{topic.topic}/{name}'] == sent
     for output in ('cleaned', 'outliers'):
-        assert found[f'{topic.topic}/{name}/{output}'] == expected[f'{topic.topic}/{output}']
+        assert found[f'{topic.topic}/{output}'] == expected[f'{topic.topic}/{output}']
     with Recording(tmp_path / 'plain') as one, Recording(tmp_path / 'out') as other:
         (a, *_), (b, *_) = (
             [(t.definition, t.digest) for t in bag.topics if t.name.endswith('/cleaned')]
@@ -179,4 +179,4 @@ def test_one_bad_message_does_not_stop_the_others(tmp_path: Path) -> None:
     (topic,) = replay(source, tmp_path / 'out').topics
     assert (topic.messages, topic.refused) == (6, 2)
     assert topic.refusals == {'the format of a compressed cloud': 1, 'a serialised cloud': 1}
-    assert len(content(tmp_path / 'out')['/lidar/zlib/cleaned']) == 4
+    assert len(content(tmp_path / 'out')['/lidar/cleaned']) == 4

@@ -9,6 +9,7 @@ import pytest
 from helpers.clouds import cloud
 from helpers.drives import write_messages
 from helpers.own_vehicle import stamp, turn
+from helpers.profile_scanner import MAP, Drive, nanoseconds
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
@@ -26,10 +27,17 @@ from lidar_outlier_filter.recordings.replay import replay
 TURNS = 14
 
 
-def record(path: Path, *, moves: bool = True, metres: float | None = None, parts: int = 1) -> Path:
+def record(
+    path: Path,
+    *,
+    moves: bool = True,
+    metres: float | None = None,
+    parts: int = 1,
+    turns: int = TURNS,
+) -> Path:
     """Record turns, each cut into messages; with ``metres`` a turn, odometry too."""
     messages: list[tuple[str, int, bytes]] = []
-    for number in range(TURNS + 1):
+    for number in range(turns + 1):
         time = stamp(number)
         if metres is not None:
             pose = Odometry()
@@ -38,7 +46,7 @@ def record(path: Path, *, moves: bool = True, metres: float | None = None, parts
             pose.pose.pose.orientation.w = 1.0
             messages.append(('/odom', time, serialize_message(pose)))
         rows = turn(number, place=None if moves else 0)
-        cuts = np.array_split(rows, parts) if number < TURNS else ()
+        cuts = np.array_split(rows, parts) if number < turns else ()
         messages += [('/lidar', time, serialize_message(cloud(some, time))) for some in cuts]
     odometry = {} if metres is None else {'/odom': ODOMETRY}
     return write_messages(path, {'/lidar': CLOUD, **odometry}, messages)
@@ -72,6 +80,38 @@ def test_what_cannot_be_learnt_of(tmp_path: Path) -> None:
     for reach in (0.0, -1.0, 31.0, np.nan):
         with pytest.raises(RecordingError, match='the reach of the vehicle must be above 0'):
             learn_mask(bag, FilterParameters(), reach=reach)
+
+
+@pytest.mark.parametrize('step', [0.7, 2.0])
+def test_a_short_drive_is_not_said_to_stand(step: float, tmp_path: Path) -> None:
+    """Too few turns are new places, but the vehicle moves."""
+    bag = record(tmp_path / 'short', metres=step, turns=9)
+    with pytest.raises(RecordingError, match=r'got [59] of 9: the drive is too short'):
+        learn_mask(bag, FilterParameters())
+
+
+@pytest.mark.parametrize('restarts', [False, True])
+@pytest.mark.parametrize('with_odometry', [False, True])
+@pytest.mark.parametrize('upright', [False, True])
+def test_lines_of_a_profile_scanner_are_refused(
+    tmp_path: Path, *, restarts: bool, with_odometry: bool, upright: bool
+) -> None:
+    """Their numbers run on, or restart in each message: no direction is a line and an azimuth.
+
+    In the frame of the sensor, and in the map's.
+    """
+    drive = Drive(2.0)
+    drive.line = drive.line % 10 if restarts else drive.line
+    messages = [
+        ('/lidar', nanoseconds(msg), serialize_message(msg))
+        for msg in drive.clouds(drive.own if upright else drive.fixed - MAP)
+    ]
+    poses = drive.odometry() if with_odometry else []
+    messages += [('/odom', nanoseconds(msg), serialize_message(msg)) for msg in poses]
+    topics = {'/lidar': CLOUD} | ({'/odom': ODOMETRY} if with_odometry else {})
+    bag = write_messages(tmp_path / 'drive', topics, sorted(messages, key=lambda one: one[1]))
+    with pytest.raises(RecordingError, match='the rings of a sensor that spins, got lines '):
+        learn_mask(bag, FilterParameters())
 
 
 def test_command_and_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

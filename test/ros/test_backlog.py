@@ -40,6 +40,30 @@ def test_clouds_stay_in_order() -> None:
     assert (inbox.clouds, inbox.size, inbox.fill) == (0, 0, 0)
 
 
+def test_changes_and_clouds_take_turns() -> None:
+    """The newest change counts; a cloud comes after it, however many more there are."""
+    inbox = Inbox(LoadParameters())
+    for number in range(3):
+        inbox.put(cloud(number))
+    taken: list[object] = []
+    for number in range(10):
+        inbox.change(lambda number=number: f'old {number}')  # type: ignore[misc]
+        inbox.change(lambda number=number: f'new {number}')  # type: ignore[misc]
+        item = inbox.take(0)
+        assert item is not None
+        taken.append(item() if callable(item) else item.msg)
+    assert taken[:6] == ['new 0', 0, 'new 2', 1, 'new 4', 2]
+    assert taken[6:] == ['new 6', 'new 7', 'new 8', 'new 9']
+    inbox.put(cloud(3))
+    inbox.change(lambda: 'the last')
+    inbox.close()
+    assert left(inbox) == ['the last', 3]
+    inbox.change(str)
+    assert not inbox.done
+    inbox.close(discard=True)
+    assert inbox.done
+
+
 def test_bounded_by_number() -> None:
     """The oldest goes; a command among the clouds stays in its place."""
     inbox = Inbox(LoadParameters(clouds=3))
@@ -109,6 +133,7 @@ def test_the_end_comes_with_the_last_clouds() -> None:
         lambda inbox: inbox.put(cloud(1)),
         lambda inbox: inbox.order(str),
         lambda inbox: inbox.order(str, in_turn=True),
+        lambda inbox: inbox.change(str),
         lambda inbox: inbox.wake(),
         lambda inbox: inbox.close(),
     ],

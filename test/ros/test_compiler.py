@@ -164,6 +164,6 @@ def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) ->
     beside = Compiler(taken.put, said.append, said.append, lambda command: command())
     beside.request(FIRST)
     assert taken.get(timeout=TIMEOUT) == FIRST
-    assert said[0] == 'compiling lof; clouds pass unfiltered meanwhile'
+    assert said[0] == 'compiling lof; no output until then'
     assert said[1] == f'{said[0]}; 1 of 3 parts took 14 s, about 28 s left'
     assert said[2] == 'one share failed'

@@ -12,6 +12,8 @@ from helpers.interfaces import build
 from helpers.nodes import Ros, Sensor, line
 from rclpy.serialization import serialize_message
 
+from lidar_outlier_filter.errors import ParameterError
+
 PARAMETERS = {'chain': ['alpha_beta_gamma'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
 
 
@@ -28,10 +30,10 @@ def kind(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type]:
 @pytest.mark.parametrize('name', COMPRESS)
 def test_outputs_are_those_of_plain_clouds(ros: Ros, kind: type, name: str) -> None:
     """To the byte; a damaged cloud among them is refused and counted, and the stream goes on."""
-    topics = ['/points', f'/points/{name}']
+    topics = ['/points', f'/packed/{name}']
     node = ros.filter(parameters=PARAMETERS | {'inputs': topics})
     node.start()
-    plain, packed = Sensor(ros, topics[0]), Sensor(ros, topics[1], kind)
+    plain, packed = Sensor(ros, topics[0]), Sensor(ros, topics[1], kind, outputs='/packed')
     for sensor, channel in zip((plain, packed), node.channels, strict=True):
         sensor.wait_for_filter(channel)
     for number in range(4):
@@ -55,8 +57,14 @@ def test_without_the_message(
     node.start()
     sentence = '/points/zstd: read as PointCloud2: point_cloud_interfaces is not installed'
     assert sentence in capfd.readouterr().err
-    sensor = Sensor(ros, '/points/zstd')
+    sensor = Sensor(ros, '/points/zstd', outputs='/points')
     sensor.wait_for_filter(node)
     sensor.publish(line(0), expected=1)
     sensor.publish(line(0.01), expected=1)
     sensor.wait_for_outputs()
+
+
+def test_plain_and_compressed_clouds_of_one_sensor_are_refused(ros: Ros) -> None:
+    """Their outputs would have the same names."""
+    with pytest.raises(ParameterError, match='inputs must be one topic of a sensor, plain or'):
+        ros.filter(parameters={'inputs': ['/points', '/points/zstd']})

@@ -21,7 +21,7 @@ from helpers.live import (
     publisher,
 )
 from helpers.nodes import flush, process
-from helpers.programs import Program
+from helpers.programs import Program, ended
 from helpers.watching import fresh_copy
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
@@ -248,3 +248,14 @@ def test_the_second_ends_it_at_once(
         assert process.stdout.readline() == 'finishing\n'
         process.send_signal(second)
         assert process.wait(60) == -second
+
+
+def test_without_ros() -> None:
+    """One sentence names what to do."""
+    run = "import sys; sys.modules['rclpy'] = None; from lidar_outlier_filter.cli.node import main"
+    done = ended(sys.executable, '-c', f'{run}; sys.exit(main([]))')
+    assert (done.returncode, done.stdout) == (1, '')
+    assert done.stderr == (
+        'the module rclpy must be installed for this command: source ROS 2, or '
+        "pip install '.[ros]' in the project, got none\n"
+    )

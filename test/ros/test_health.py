@@ -230,6 +230,41 @@ def test_shares_of_points(name: str, text: str, levels: dict[int, int]) -> None:
         assert level == OK or message == f'{count:.1f} % of the points are {text}'
 
 
+@pytest.mark.parametrize(
+    ('detector', 'share', 'limit', 'level'),
+    [
+        ('boosted_trees', 4, 0.0, OK),
+        ('boosted_trees', 6, 0.0, WARN),
+        ('boosted_trees', 49, 0.0, WARN),
+        ('boosted_trees', 91, 0.0, ERROR),
+        ('lof', 14, 0.0, OK),
+        ('lof', 16, 0.0, WARN),
+        ('hierarchical', 49, 0.0, OK),
+        ('mask', 20, 0.0, OK),
+        ('of_a_stranger', 49, 0.0, OK),
+        ('boosted_trees', 49, 0.5, OK),
+        ('boosted_trees', 51, 0.5, WARN),
+    ],
+)
+def test_more_rejected_than_is_usual(detector: str, share: int, limit: float, level: int) -> None:
+    """Each detector has its share, unless a limit of all is set; those of before do not count."""
+    health = Health()
+    health.received()
+    before = Statistics(points=1000, outliers=900)
+    before.rejected[detector] = 900
+    health.counted(before)
+    take_sample(health)
+    counts = Statistics(points=1100, outliers=900 + share)
+    counts.rejected[detector] = 900 + share
+    health.counted(counts)
+    found = health.sample(1.0, HealthLimits(rejected_warn=limit), MAX_DELAY, NOTHING)
+    assert found.level == level
+    if level == WARN and not limit:
+        usual = {'boosted_trees': 5, 'lof': 15}[detector]
+        said = f'{detector} rejects {share:.1f} % of the points, usually at most {usual} %'
+        assert found.message.startswith(said)
+
+
 def test_silence() -> None:
     """Without clouds a warning, then an error; with the next cloud all is well."""
     health = Health()

@@ -17,8 +17,9 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from lidar_outlier_filter.core.detectors.builtin import Quadric, Sor
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros import live_parameters
-from lidar_outlier_filter.ros.live_parameters import NodeAccess
+from lidar_outlier_filter.ros.live_parameters import SAVED, NodeAccess, _write_whole
 
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 
@@ -180,6 +181,24 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert node.channels[0].statistics.bypassed == {'disabled': 2}
     assert node.channels[0].statistics.messages == 4
     assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
+
+
+@pytest.mark.parametrize('begin', [SAVED, '# mine\n'])
+def test_no_more_is_read_of_a_file_than_its_first_line(tmp_path: Path, begin: str) -> None:
+    """It may be larger than memory."""
+    path = tmp_path / 'saved.yaml'
+    path.write_text(begin)
+    with path.open('r+b') as stream:
+        stream.truncate(2**42)  # sparse
+    if begin == SAVED:
+        _write_whole(path, 'new: 1\n')
+        assert path.read_text() == SAVED + 'new: 1\n'
+    else:
+        with pytest.raises(ParameterError, match='the file must be new, or saved by'):
+            _write_whole(path, '')
+    # Empty, by its size; reading it waits for the kernel to say something.
+    with pytest.raises(ParameterError, match='the file must be new, or saved by'):
+        _write_whole(Path('/proc/kmsg'), '')
 
 
 @pytest.mark.parametrize('kind', ['file', 'link', 'edited'])

@@ -7,11 +7,25 @@ from pathlib import Path
 import pytest
 from helpers.clouds import SECOND
 from helpers.nodes import Ros, Sensor, hold_up, wait_for_thread
-from helpers.profile_scanner import MOVING, REPLAYED, Drive, Moving, nanoseconds, rejected, write
+from helpers.profile_scanner import (
+    MOVING,
+    REPLAYED,
+    SHOTS,
+    SOR,
+    Drive,
+    Moving,
+    nanoseconds,
+    rejected,
+    write,
+    write_tf,
+)
 from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.ros.health import ERROR
 from lidar_outlier_filter.ros.node import OutlierFilterNode
@@ -145,6 +159,26 @@ def test_replay(tmp_path: Path) -> None:
     expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
     assert report.is_complete
     assert report.topics[0].rejected == expected.sum()
+
+
+def test_replay_by_tf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The poses of the recording's own tf, for each of its sensors: the same verdicts."""
+    drive = Drive(0.5)
+    bag = write_tf(tmp_path / 'drive', drive, ('/points', '/again'))
+    report = replay(bag, tmp_path / 'cleaned', parameters=SOR | {'motion.source': 'tf'})
+    expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
+    assert report.is_complete
+    assert [topic.rejected for topic in report.topics] == [expected.sum()] * 2
+    assert [topic.without_pose for topic in report.topics] == [0, 0]
+    lost = tmp_path / 'lost'
+    settings = ['--set', 'motion.source=tf', '--set', 'motion.fixed_frame=nowhere']
+    assert main(['replay', str(bag), '--output', str(lost), '--chain', 'sor', *settings]) == 0
+    said = '5 of 5 clouds of /again have points without poses, which were judged in the frame of'
+    assert said in ' '.join(capsys.readouterr().err.split())
+    # Where the sensor was is known, too.
+    parameters = FilterParameters().changed(SOR | {'motion.source': 'tf'})
+    eyes = [one.eye for one in RecordedClouds(bag, parameters, '/points', with_eyes=True)]
+    assert all(eye is not None and len(eye) == 10 * SHOTS for eye in eyes)
 
 
 @pytest.mark.parametrize(

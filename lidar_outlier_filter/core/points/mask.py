@@ -30,6 +30,9 @@ NEEDS_RINGS = 'the rings of the sensor, by a field or by rows, where there is a 
 
 BIN = 0.05  # metres, of the histograms of ranges
 MIN_SHARE_OF_RETURNS = 0.5  # of the turns with a return in a cell, in which a range recurs
+# Of the points, in cells whose elevations differ by more than an angle: lines that are not rings.
+MAX_SHARE_OF_WIDE, WIDE_ELEVATION = 0.5, np.radians(5)
+MIN_SHARE_OF_RING = 0.5  # of the turns, in which the median ring has a point
 MIN_SHARE_OF_TURNS = 0.25  # of all turns used
 STEP = 1.0  # metres between two turns that are used, where the position of the sensor is known
 # Elsewhere: the share of far cells whose range has changed, by so many metres plus so much of it.
@@ -222,6 +225,22 @@ class MaskLearner:
         self._sines = np.zeros(0)  # of elevations, added up by ring
         self._points = np.zeros(0, np.int64)
         self._samples: list[Floats] = []
+        self._turns_of_ring = np.zeros(0, np.int64)
+        self._wide = self._narrow = 0  # points in cells of several elevations, and in others
+
+    @property
+    def contradiction(self) -> str:
+        """Say why the lines are not rings, which have one elevation at each azimuth; '': they are.
+
+        Those of a profile scanner that stands upright have all elevations at two azimuths, and
+        numbers that are not restarted come once.
+        """
+        seen = self._turns_of_ring[self._turns_of_ring > 0]
+        if self._wide > MAX_SHARE_OF_WIDE * (self._wide + self._narrow):
+            return 'lines with many elevations at the same azimuth, as a profile scanner has them'
+        if len(seen) and np.median(seen) < MIN_SHARE_OF_RING * self.turns:
+            return f'lines that recur in {np.median(seen):g} of {self.turns} turns'
+        return ''
 
     def add(self, points: Points, place: Floats | None = None) -> bool:
         """Add a turn; return whether it is used.
@@ -243,6 +262,7 @@ class MaskLearner:
         if low < 0 or high >= MAX_RINGS:
             raise CloudError('the ring of a point', f'from 0 to {MAX_RINGS - 1}', max(high, -low))
         self._grow(high + 1)
+        self._turns_of_ring[np.unique(ring)] += 1
         column, distance = _columns_and_ranges(points.xyz)
         ranges = np.full(self._last.shape, np.inf)
         np.minimum.at(ranges, (ring, column // WIDE), distance)
@@ -252,6 +272,7 @@ class MaskLearner:
         self._last, self._place = ranges, place
         self._count(ring, column, distance)
         sines = points.xyz[:, 2] / np.maximum(distance, BIN)
+        self._count_wide(ring * COLUMNS + column, np.arcsin(np.clip(sines, -1, 1)))
         self._sines += np.bincount(ring, sines, len(self._sines))
         self._points += np.bincount(ring, minlength=len(self._points))
         if len(self._samples) < MAX_SAMPLED_TURNS and len(points):
@@ -268,6 +289,7 @@ class MaskLearner:
             self._last = np.pad(self._last, wider, constant_values=np.inf)
             self._sines = np.pad(self._sines, (0, more))
             self._points = np.pad(self._points, (0, more))
+            self._turns_of_ring = np.pad(self._turns_of_ring, (0, more))
 
     def _has_moved(self, ranges: Floats, place: Floats | None) -> bool:
         """Return whether the sensor has moved since the last turn that was used."""
@@ -294,6 +316,16 @@ class MaskLearner:
         inside = (around >= 0) & (around < self._bins)
         every = (cell[:, np.newaxis] * self._bins + around)[inside]
         self._hits.reshape(-1)[np.unique(every)] += 1
+
+    def _count_wide(self, cell: Ints, elevation: Floats) -> None:
+        """Count the points in cells that have several elevations, radians."""
+        low = np.full(self._returns.size, np.inf)
+        high = -low
+        np.minimum.at(low, cell, elevation)
+        np.maximum.at(high, cell, elevation)
+        wide = int(np.count_nonzero((high - low)[cell] > WIDE_ELEVATION))
+        self._wide += wide
+        self._narrow += len(cell) - wide
 
     def learn(self) -> Mask:
         """Return the static returns except the ground, widened by a column on either side."""

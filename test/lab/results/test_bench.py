@@ -8,12 +8,13 @@ from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 from math import radians
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.results import bench, native_peers
+from lidar_outlier_lab.results import bench, native_peers, peers
 from lidar_outlier_lab.results.native_peers import NativePeers
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
@@ -136,3 +137,15 @@ def test_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     with native_peers.native_peers() as compiled:
         assert compiled is None
     assert 'PCL: no C++ compiler' in bench._conditions(None)
+
+
+def test_a_peer_that_cannot_be_loaded_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As Open3D is, where the system lacks libusb: said once, and left out."""
+    (tmp_path / 'broken_peer.py').write_text("raise OSError('libusb-1.0.so.0: no such file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [peers.loads('broken_peer') for _ in range(2)] == [False, False]
+    assert not peers.loads('no_such_peer')
+    sentence = 'it is installed, but cannot be loaded ("libusb-1.0.so.0: no such file")'
+    assert capsys.readouterr().err == f'broken_peer is left out: {sentence}\n'

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from lidar_outlier_filter.core.points.poses import KEPT, Track
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.ros.tf import MAX_FRAMES, MAX_NAME, Tf
+from lidar_outlier_filter.pipeline.tf import MAX_FRAMES, MAX_NAME, Tf
 
 Pose = tuple[float, ...]
 
@@ -124,6 +124,9 @@ def test_several_transforms_on_the_way() -> None:
     assert covered(tf, 0.32, 0.38, frame='wheel') == [False, False]
     assert covered(tf, 0.32, 0.38, frame='base') == [True, True]
     assert covered(tf, 5.0, frame='map') == [True]
+    # A slash before the name of a frame is ROS 1's.
+    assert covered(tf, 0.32, 0.38, frame='/base') == [True, True]
+    assert covered(make(straight(0, 1, 0.1), fixed_frame='/odom'), 0.5, frame='/lidar') == [True]
 
 
 def test_what_is_not_known() -> None:
