@@ -21,10 +21,8 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Ints, Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, lay_out
+from lidar_outlier_lab.simulation.scenes.mapping_streets import STREETS, street
 from lidar_outlier_lab.simulation.world.drive import (
-    Disturbances,
     Drive,
     Returns,
     about,
@@ -32,18 +30,11 @@ from lidar_outlier_lab.simulation.world.drive import (
     merge,
     second_echoes,
 )
-from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.recording import FRAME, OWN_FRAME, START, Cloud
-from lidar_outlier_lab.simulation.world.scene import Scene, barrier_arm
-from lidar_outlier_lab.simulation.world.sensors import TRUTH, ProfileScanner
+from lidar_outlier_lab.simulation.world.sensors import TRUTH
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
-STREAM = 6207  # of random numbers, which nothing else uses
-INTERVAL = 6667  # nanoseconds between shots: 149.99 turns of 1000 shots a second
-SHOTS = 1000  # of a turn
-LINES = 180
-YAW = np.radians(45.0)
-SPEED = 9.0  # metres per second
+STREAM = 6211  # of random numbers, which nothing else uses
 UTM, FAR = (450_000.0, 5_400_000.0, 100.0), (2000.0, 0.0, 0.0)  # metres
 GPS_WEEK = 1_749_945_600 * SECOND  # when the week of ``START`` began, nanoseconds
 COPIED = 0.9  # share of the shots that dual mode publishes twice
@@ -191,6 +182,8 @@ _FORMS = {
     'facets_line': Form('four facets, a line each', drive='facets'),
     'facets': Form('four facets, no line field', PLAIN, drive='facets'),
 }
+TWO_HEADS = Form('two heads', f'{ECHOES} head', heads=2, echoes='second')
+TOPICS = ('/lidar/left/points', '/lidar/right/points')
 _OWN = ('line', 'turn', 'turns_10', 'packets', 'odd', 'afresh', 'rows', 'stands', 'facets')
 FORMS = MappingProxyType(
     _FORMS
@@ -202,27 +195,8 @@ FORMS = MappingProxyType(
 )
 
 
-def street(seed: int) -> Drive:
-    """Draw a street and a drive through it, some hundreds of outliers of many causes."""
-    rng = np.random.default_rng([seed, STREAM])
-    town = Town(half_road=5.4, crown=0.06, kerb=0.12, trees=True)
-    arm = barrier_arm((SPEED * 0.4, 5.0, 1.0), 4.6, rng.uniform(0.2, 0.5), 0.4)
-    falls = ThinFall(Cause.SNOW, 1e-4, 8.0)
-    turn = rng.uniform(-0.05, 0.05)
-    return Drive(
-        Scene((*lay_out(town, rng), arm), (falls,)),
-        lines=LINES,
-        sensor=ProfileScanner(
-            lines_per_second=SECOND / (INTERVAL * SHOTS), shots_per_line=SHOTS, yaw=YAW
-        ),
-        trajectory=Route(((0.0, SPEED, 0.0), (0.8, SPEED, turn)), (0.0, LANES[0], 0.0)),
-        disturbances=Disturbances(reflection=0.002, near_surface=0.0005),
-        seed=seed,
-    )
-
-
 def _stands(drive: Drive) -> Drive:
-    return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),), (0.0, LANES[0], 0.0)))
+    return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),)))
 
 
 def _swings(drive: Drive) -> Drive:
@@ -298,6 +272,34 @@ def send(
         if form.rows:
             rows = _organised(rows, part, (form.turns, seen.shots_per_line))
         yield Cloud(START + part.begin, START + end, rows, frame=frame)
+
+
+def mapping(
+    name: str,
+    seed: int,
+    share: float | None,
+    progress: Callable[[float], object],
+    form: str | None = None,
+) -> Iterator[Cloud]:
+    """Simulate one of ``STREETS`` in a form; None: two heads, each with second echoes and a topic.
+
+    Of a share, second echoes count as well.
+    """
+    draw = STREETS[name]
+    if form is None:
+        made = send(TWO_HEADS, seed, draw, share)
+        made = (
+            replace(cloud, points=cloud.points[cloud.points['head'] == head], topic=topic)
+            for cloud in made
+            for head, topic in enumerate(TOPICS)
+        )
+    else:
+        made = form_clouds(form, seed, draw, share)
+    drive = draw(seed)
+    end = drive.shots * drive.sensor.interval
+    for cloud in made:
+        yield cloud
+        progress((cloud.sent - START) / end)
 
 
 class _Seen(NamedTuple):
