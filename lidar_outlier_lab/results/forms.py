@@ -23,16 +23,7 @@ SEED = 1
 CLASSIC = {'chain': ['alpha_beta_gamma', 'quadric', 'lof']}  # config/classic.yaml
 COUNTS = ('found', 'lost', 'F1')
 MAX_SAID = 6  # sentences of a form that are written
-HEAD = (
-    'form',
-    'what it is',
-    'found',
-    'lost',
-    'F1',
-    *('found', 'lost', 'F1'),
-    'turns/s',
-    'judged by',
-)
+HEAD = ('form', *COUNTS, 'verdicts', *COUNTS, 'turns/s', 'judged by')
 RATE = re.compile(r'([\d.]+) turns/s')
 
 

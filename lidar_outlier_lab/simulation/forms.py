@@ -21,7 +21,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Ints, Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.simulation.scenes.mapping_streets import STREETS, street
+from lidar_outlier_lab.simulation.scenes.mapping_streets import STREAM, STREETS, street
 from lidar_outlier_lab.simulation.world.drive import (
     Drive,
     Returns,
@@ -34,7 +34,6 @@ from lidar_outlier_lab.simulation.world.recording import FRAME, OWN_FRAME, START
 from lidar_outlier_lab.simulation.world.sensors import TRUTH
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
-STREAM = 6211  # of random numbers, which nothing else uses
 UTM, FAR = (450_000.0, 5_400_000.0, 100.0), (2000.0, 0.0, 0.0)  # metres
 GPS_WEEK = 1_749_945_600 * SECOND  # when the week of ``START`` began, nanoseconds
 COPIED = 0.9  # share of the shots that dual mode publishes twice
