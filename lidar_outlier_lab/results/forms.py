@@ -15,7 +15,8 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.pipeline.library import CloudFilter
 from lidar_outlier_lab.results.markdown import NOTHING, folded, number, paragraphs, table
-from lidar_outlier_lab.simulation.forms import FORMS, form_clouds, street
+from lidar_outlier_lab.simulation.forms import FORMS, form_clouds
+from lidar_outlier_lab.simulation.scenes.mapping_streets import street
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.recording import to_message
 
@@ -72,18 +73,22 @@ def judge(
     rejected: list[Bools] = []
     bad, there = [], []
     filters = CloudFilter(parameters, said.append, said.append)
-    filters.refuse = filters.fail = lambda err: said.append(str(err))
+    filters.refuse = lambda err: said.append(str(err))
+    filters.fail = lambda err: said.append(str(err))
+    sent: list[object] = []
 
-    def show(cloud: StreamCloud, _msg: object) -> None:
-        rejected[cloud.tag] = np.asarray(cloud.verdict.rejected)
+    def show(cloud: StreamCloud, msg: object) -> None:
+        index = next(i for i, one in enumerate(sent) if one is msg)
+        rejected[index] = np.asarray(cloud.verdict.rejected)
 
     filters.show.append(show)
-    for index, cloud in enumerate(form_clouds(name, seed, draw)):
+    for cloud in form_clouds(name, seed, draw):
         bad.append(cloud.points['label'].ravel() > 0)
         there.append(np.isfinite(cloud.points['x']).ravel())
         rejected.append(np.zeros(cloud.points.size, np.bool_))
+        sent.append(to_message(cloud.stamp, cloud.points, cloud.frame))
         try:
-            filters.push(to_message(cloud.stamp, cloud.points, cloud.frame), index)
+            filters.push(sent[-1])
         except CloudError as err:
             said.append(str(err))
     filters.flush()

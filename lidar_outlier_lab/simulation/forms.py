@@ -27,11 +27,12 @@ from lidar_outlier_lab.simulation.world.drive import (
     Returns,
     about,
     gather,
+    join,
     merge,
     second_echoes,
 )
 from lidar_outlier_lab.simulation.world.recording import FRAME, OWN_FRAME, START, Cloud
-from lidar_outlier_lab.simulation.world.sensors import TRUTH
+from lidar_outlier_lab.simulation.world.sensors import TRUTH, ProfileScanner
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 UTM, FAR = (450_000.0, 5_400_000.0, 100.0), (2000.0, 0.0, 0.0)  # metres
@@ -194,17 +195,24 @@ FORMS = MappingProxyType(
 )
 
 
+def _scanner(drive: Drive) -> ProfileScanner:
+    """Return the sensor of a drive, which must be a profile scanner."""
+    if not isinstance(drive.sensor, ProfileScanner):
+        raise FilterError('the sensor', 'a profile scanner', type(drive.sensor).__name__)
+    return drive.sensor
+
+
 def _stands(drive: Drive) -> Drive:
     return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),)))
 
 
 def _swings(drive: Drive) -> Drive:
-    return replace(drive, sensor=replace(drive.sensor, view=np.radians(200.0), swings=True))
+    return replace(drive, sensor=replace(_scanner(drive), view=np.radians(200.0), swings=True))
 
 
 def _facets(drive: Drive) -> Drive:
     """Let four facets look down 120° each; as many shots as before."""
-    sensor, four = drive.sensor, 4
+    sensor, four = _scanner(drive), 4
     facets = replace(
         sensor,
         view=np.radians(120.0),
@@ -261,7 +269,11 @@ def send(
     for number, (begin, end) in enumerate(pairwise([0, *_ends(form, seen, seed)])):
         inside = slice(*np.searchsorted(seen.time, (begin, end)))
         part = Part(
-            *(column[inside] for column in (seen.points, seen.shot, seen.head, seen.echo, clock)),
+            points=seen.points[inside],
+            shot=seen.shot[inside],
+            head=seen.head[inside],
+            echo=seen.echo[inside],
+            t=clock[inside],
             begin=begin - begin % form.tick,
             number=number,
             turn=turn[inside],
@@ -333,21 +345,32 @@ def _seen(  # noqa: PLR0913  what makes the returns
     """Simulate what a drive measures."""
     base = draw(seed)
     drive = replace(DRIVES[kind](base), in_own_frame=own)
-    sensor, parts = drive.sensor, []
+    sensor = _scanner(drive)
+    parts: list[tuple[int, int, Returns]] = []
     for head in range(heads):
         turned = replace(sensor, yaw=-sensor.yaw if head else sensor.yaw)
         one = replace(drive, sensor=turned, seed=drive.seed + head)
         block = gather(one)
         first = merge(block.clean, block.spoilt) if share is None else about(block, share)
-        parts += [(head, echo, *some) for echo, some in _echoes(one, first, echoes)]
-    head, echo = (np.concatenate([np.full(len(p[2]), p[i]) for p in parts]) for i in (0, 1))
-    shot, points = (np.concatenate([p[i] for p in parts]) for i in (2, 3))
-    late = head * (sensor.interval // 2)
-    time = shot * sensor.interval + late
-    order = np.lexsort((echo, time))
-    columns = (column[order] for column in (points, time, shot, head, echo, late))
-    turn = base.sensor.shots_per_line
-    return _Seen(*columns, drive.shots, turn, sensor.shots_per_line, sensor.interval)
+        parts += [(head, echo, some) for echo, some in _echoes(one, first, echoes)]
+    returns, counts = join([part[2] for part in parts]), [len(part[2].shot) for part in parts]
+    heads_of = np.repeat([part[0] for part in parts], counts)
+    echoes_of = np.repeat([part[1] for part in parts], counts)
+    late = heads_of * (sensor.interval // 2)
+    time = returns.shot * sensor.interval + late
+    order = np.lexsort((echoes_of, time))
+    return _Seen(
+        points=returns.points[order],
+        time=time[order],
+        shot=returns.shot[order],
+        head=heads_of[order],
+        echo=echoes_of[order],
+        late=late[order],
+        shots=drive.shots,
+        shots_per_turn=_scanner(base).shots_per_line,
+        shots_per_line=sensor.shots_per_line,
+        interval=sensor.interval,
+    )
 
 
 def _echoes(drive: Drive, first: Returns, echoes: str) -> Iterator[tuple[int, Returns]]:

@@ -80,7 +80,7 @@ def suburb(seed: int) -> Drive:
         *birds((rng.uniform(0.0, 8.0), rng.uniform(-3.0, 3.0)), 8, rng),
     )
     town = Town(half_road=half, crown=0.05, kerb=rng.uniform(0.05, 0.1), things=things)
-    air = (SunNoise(2e-4), DUST, *exhaust(rng.uniform(0.0, 6.0), LANES[1], rng))
+    air: tuple[Air, ...] = (SunNoise(2e-4), DUST, *exhaust(rng.uniform(0.0, 6.0), LANES[1], rng))
     return Drive(
         Scene(lay_out(town, rng), air),
         lines=220,

@@ -15,15 +15,17 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_lab.results import forms as results
 from lidar_outlier_lab.simulation import forms
 from lidar_outlier_lab.simulation.forms import FORMS, form_clouds
+from lidar_outlier_lab.simulation.scenes.mapping_streets import street
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.recording import START, Cloud, to_message
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
 TURNS, INTERVAL = 22, 6667  # of the short drive; nanoseconds between shots
 
 
 def short(seed: int) -> Drive:
     """Draw a drive of a few turns."""
-    return replace(forms.street(seed), lines=TURNS)
+    return replace(street(seed), lines=TURNS)
 
 
 def sent(name: str) -> list[Cloud]:
@@ -125,6 +127,7 @@ def test_other_scanners() -> None:
     assert points(sent('heads_line'))['line'].max() == 2 * TURNS - 1
     assert points(sent('facets_line'))['line'].max() == 4 * TURNS - 1
     sensor = forms.DRIVES['swings'](short(1)).sensor
+    assert isinstance(sensor, ProfileScanner)
     there, back = sensor.angle(np.arange(1000)), sensor.angle(np.arange(1000, 2000))
     assert np.degrees(there[[0, -1]]) == pytest.approx([80.0, 279.8])
     assert (there == back[::-1]).all()

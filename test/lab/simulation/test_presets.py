@@ -21,6 +21,7 @@ from lidar_outlier_lab.simulation import forms
 from lidar_outlier_lab.simulation.papers import aerial
 from lidar_outlier_lab.simulation.papers import surveyed_streets as leslar
 from lidar_outlier_lab.simulation.presets import PRESETS, make
+from lidar_outlier_lab.simulation.scenes import mapping_streets
 from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
 from lidar_outlier_lab.simulation.world.drive import Drive
 
@@ -38,8 +39,8 @@ def smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, flight in aerial.FLIGHTS.items():
         shorter = replace(flight, lines=flight.lines // 10, shots=flight.shots // 20)
         monkeypatch.setitem(aerial.FLIGHTS, name, shorter)
-    for name, draw in forms.STREETS.items():
-        monkeypatch.setitem(forms.STREETS, name, partial(_few_turns, draw))
+    for name, draw in mapping_streets.STREETS.items():
+        monkeypatch.setitem(mapping_streets.STREETS, name, partial(_few_turns, draw))
     monkeypatch.setattr(aerial, 'GOOD', 50_000)
     monkeypatch.setattr(aerial, 'OUTLIERS', 260)
     for number, weather in streets.WEATHER.items():
