@@ -46,3 +46,4 @@ class Kind(IntEnum):
     ROOF = 14
     ROUTE = 15  # of a bus
     OWN = 16  # the vehicle that carries the sensor
+    FENCE = 17

@@ -142,6 +142,12 @@ def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> d
     return {'real': section(options.data, progress)}
 
 
+def _forms(_options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.forms import section
+
+    return {'forms': section(progress)}
+
+
 def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
     texts = {}
     for name in options.papers:
@@ -154,5 +160,6 @@ def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> 
 SECTIONS: dict[str, WriteSection] = {
     'contest': _contest,
     'real': _real,
+    'forms': _forms,
     'papers': _papers,
 }

@@ -71,6 +71,12 @@ def add_simulate(commands: Commands) -> None:
         metavar='S',
         help='share of outliers among the points, 0 to 1; default: that of the preset',
     )
+    parser.add_argument(
+        '--form',
+        metavar='NAME',
+        help='of mapping-a and mapping-b: one of the forms that drivers send clouds in, such as '
+        'turns_10, packets, rows; an unknown one lists all; default: a topic for each head',
+    )
     _add_onto(parser)
     parser.set_defaults(run=_simulate)
 
@@ -130,7 +136,7 @@ def _preset(options: argparse.Namespace) -> int:
             leave_if_asked()
             advance(round(STEPS * done), STEPS)
 
-        made = make(options.preset, options.seed, options.share, progress)
+        made = make(options.preset, options.seed, options.share, progress, options.form)
         causes = write(made, output, lambda _: leave_if_asked())
     show(_table(causes), f'written to {output}')
     return DONE
@@ -140,8 +146,9 @@ def _onto(options: argparse.Namespace) -> int:
     from lidar_outlier_lab.simulation.weather.clouds import put_onto
     from lidar_outlier_lab.simulation.world.recording import by_cause
 
-    if options.share is not None:
-        raise FilterError('--share', 'given with a PRESET', options.share)
+    for name in ('share', 'form'):
+        if (value := getattr(options, name)) is not None:
+            raise FilterError(f'--{name}', 'given with a PRESET', value)
     output = options.output or beside(options.onto, f'_{options.weather}')
     with stoppable_bar(options.onto.name) as progress:
         counts = put_onto(

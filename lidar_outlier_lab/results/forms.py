@@ -11,30 +11,20 @@ import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Progress
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.pipeline.library import CloudFilter
 from lidar_outlier_lab.results.markdown import NOTHING, folded, number, paragraphs, table
-from lidar_outlier_lab.simulation.forms import FORMS, INTERVAL, SHOTS, form_clouds, street
+from lidar_outlier_lab.simulation.forms import FORMS, form_clouds
+from lidar_outlier_lab.simulation.scenes.mapping_streets import street
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 SEED = 1
 CLASSIC = {'chain': ['alpha_beta_gamma', 'quadric', 'lof']}  # config/classic.yaml
-SHOTS_PER_SECOND, TURNS = (f'{SECOND / each:,.2f}' for each in (INTERVAL, INTERVAL * SHOTS))
 COUNTS = ('found', 'lost', 'F1')
 MAX_SAID = 6  # sentences of a form that are written
-HEAD = (
-    'form',
-    'what it is',
-    'found',
-    'lost',
-    'F1',
-    *('found', 'lost', 'F1'),
-    'turns/s',
-    'judged by',
-)
+HEAD = ('form', *COUNTS, 'verdicts', *COUNTS, 'turns/s', 'judged by')
 RATE = re.compile(r'([\d.]+) turns/s')
 
 
@@ -83,18 +73,22 @@ def judge(
     rejected: list[Bools] = []
     bad, there = [], []
     filters = CloudFilter(parameters, said.append, said.append)
-    filters.refuse = filters.fail = lambda err: said.append(str(err))
+    filters.refuse = lambda err: said.append(str(err))
+    filters.fail = lambda err: said.append(str(err))
+    sent: list[object] = []
 
-    def show(cloud: StreamCloud, _msg: object) -> None:
-        rejected[cloud.tag] = np.asarray(cloud.verdict.rejected)
+    def show(cloud: StreamCloud, msg: object) -> None:
+        index = next(i for i, one in enumerate(sent) if one is msg)
+        rejected[index] = np.asarray(cloud.verdict.rejected)
 
     filters.show.append(show)
-    for index, cloud in enumerate(form_clouds(name, seed, draw)):
+    for cloud in form_clouds(name, seed, draw):
         bad.append(cloud.points['label'].ravel() > 0)
         there.append(np.isfinite(cloud.points['x']).ravel())
         rejected.append(np.zeros(cloud.points.size, np.bool_))
+        sent.append(to_message(cloud.stamp, cloud.points, cloud.frame))
         try:
-            filters.push(to_message(cloud.stamp, cloud.points, cloud.frame), index)
+            filters.push(sent[-1])
         except CloudError as err:
             said.append(str(err))
     filters.flush()
@@ -123,12 +117,14 @@ def section(
         rows.append([f'`{name}`: {FORMS[name].sentence}', *counts, default.rate, default.method])
         rows[-1].insert(4, f'`{default.digest[:6]}`')
         sentences.append(f'* `{name}`: {" / ".join(default.said[:MAX_SAID])}')
+    sensor = draw(seed).sensor
     return paragraphs(
         '## Forms of one drive',
-        f'A drive of {SHOTS_PER_SECOND} shots and {TURNS} turns a second, seed {seed}, as '
-        'drivers send it: outliers found, good points lost, and F1, of the default and of '
-        '`config/classic.yaml`. The same returns, but for other heads, mirrors and echoes. Forms '
-        'with the same sum of `verdicts` are judged alike, point by point.',
+        f'A drive of a scanner of {sensor.lines_per_second:.2f} turns of {sensor.shots_per_line} '
+        f'shots a second, seed {seed}, as drivers send it: outliers found, good points lost, and '
+        'F1, of the default and of `config/classic.yaml`. The same returns, but for other heads, '
+        'mirrors and echoes. Forms with the same sum of `verdicts` are judged alike, point by '
+        'point.',
         table(HEAD, rows),
         folded('What the default said of each', '\n'.join(sentences)),
     )

@@ -21,29 +21,20 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Ints, Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.simulation.scenes.random_streets import LANES, Town, lay_out
+from lidar_outlier_lab.simulation.scenes.mapping_streets import STREAM, STREETS, street
 from lidar_outlier_lab.simulation.world.drive import (
-    Disturbances,
     Drive,
     Returns,
     about,
     gather,
+    join,
     merge,
     second_echoes,
 )
-from lidar_outlier_lab.simulation.world.particles import ThinFall
 from lidar_outlier_lab.simulation.world.recording import FRAME, OWN_FRAME, START, Cloud
-from lidar_outlier_lab.simulation.world.scene import Scene, barrier_arm
 from lidar_outlier_lab.simulation.world.sensors import TRUTH, ProfileScanner
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
-STREAM = 6207  # of random numbers, which nothing else uses
-INTERVAL = 6667  # nanoseconds between shots: 149.99 turns of 1000 shots a second
-SHOTS = 1000  # of a turn
-LINES = 180
-YAW = np.radians(45.0)
-SPEED = 9.0  # metres per second
 UTM, FAR = (450_000.0, 5_400_000.0, 100.0), (2000.0, 0.0, 0.0)  # metres
 GPS_WEEK = 1_749_945_600 * SECOND  # when the week of ``START`` began, nanoseconds
 COPIED = 0.9  # share of the shots that dual mode publishes twice
@@ -191,6 +182,8 @@ _FORMS = {
     'facets_line': Form('four facets, a line each', drive='facets'),
     'facets': Form('four facets, no line field', PLAIN, drive='facets'),
 }
+TWO_HEADS = Form('two heads', f'{ECHOES} head', heads=2, echoes='second')
+TOPICS = ('/lidar/left/points', '/lidar/right/points')
 _OWN = ('line', 'turn', 'turns_10', 'packets', 'odd', 'afresh', 'rows', 'stands', 'facets')
 FORMS = MappingProxyType(
     _FORMS
@@ -202,36 +195,24 @@ FORMS = MappingProxyType(
 )
 
 
-def street(seed: int) -> Drive:
-    """Draw a street and a drive through it, some hundreds of outliers of many causes."""
-    rng = np.random.default_rng([seed, STREAM])
-    town = Town(half_road=5.4, crown=0.06, kerb=0.12, trees=True)
-    arm = barrier_arm((SPEED * 0.4, 5.0, 1.0), 4.6, rng.uniform(0.2, 0.5), 0.4)
-    falls = ThinFall(Cause.SNOW, 1e-4, 8.0)
-    turn = rng.uniform(-0.05, 0.05)
-    return Drive(
-        Scene((*lay_out(town, rng), arm), (falls,)),
-        lines=LINES,
-        sensor=ProfileScanner(
-            lines_per_second=SECOND / (INTERVAL * SHOTS), shots_per_line=SHOTS, yaw=YAW
-        ),
-        trajectory=Route(((0.0, SPEED, 0.0), (0.8, SPEED, turn)), (0.0, LANES[0], 0.0)),
-        disturbances=Disturbances(reflection=0.002, near_surface=0.0005),
-        seed=seed,
-    )
+def _scanner(drive: Drive) -> ProfileScanner:
+    """Return the sensor of a drive, which must be a profile scanner."""
+    if not isinstance(drive.sensor, ProfileScanner):
+        raise FilterError('the sensor', 'a profile scanner', type(drive.sensor).__name__)
+    return drive.sensor
 
 
 def _stands(drive: Drive) -> Drive:
-    return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),), (0.0, LANES[0], 0.0)))
+    return replace(drive, trajectory=Route(((0.0, 0.0, 0.0),)))
 
 
 def _swings(drive: Drive) -> Drive:
-    return replace(drive, sensor=replace(drive.sensor, view=np.radians(200.0), swings=True))
+    return replace(drive, sensor=replace(_scanner(drive), view=np.radians(200.0), swings=True))
 
 
 def _facets(drive: Drive) -> Drive:
     """Let four facets look down 120° each; as many shots as before."""
-    sensor, four = drive.sensor, 4
+    sensor, four = _scanner(drive), 4
     facets = replace(
         sensor,
         view=np.radians(120.0),
@@ -288,7 +269,11 @@ def send(
     for number, (begin, end) in enumerate(pairwise([0, *_ends(form, seen, seed)])):
         inside = slice(*np.searchsorted(seen.time, (begin, end)))
         part = Part(
-            *(column[inside] for column in (seen.points, seen.shot, seen.head, seen.echo, clock)),
+            points=seen.points[inside],
+            shot=seen.shot[inside],
+            head=seen.head[inside],
+            echo=seen.echo[inside],
+            t=clock[inside],
             begin=begin - begin % form.tick,
             number=number,
             turn=turn[inside],
@@ -298,6 +283,34 @@ def send(
         if form.rows:
             rows = _organised(rows, part, (form.turns, seen.shots_per_line))
         yield Cloud(START + part.begin, START + end, rows, frame=frame)
+
+
+def mapping(
+    name: str,
+    seed: int,
+    share: float | None,
+    progress: Callable[[float], object],
+    form: str | None = None,
+) -> Iterator[Cloud]:
+    """Simulate one of ``STREETS`` in a form; None: two heads, each with second echoes and a topic.
+
+    Of a share, second echoes count as well.
+    """
+    draw = STREETS[name]
+    if form is None:
+        made = send(TWO_HEADS, seed, draw, share)
+        made = (
+            replace(cloud, points=cloud.points[cloud.points['head'] == head], topic=topic)
+            for cloud in made
+            for head, topic in enumerate(TOPICS)
+        )
+    else:
+        made = form_clouds(form, seed, draw, share)
+    drive = draw(seed)
+    end = drive.shots * drive.sensor.interval
+    for cloud in made:
+        yield cloud
+        progress((cloud.sent - START) / end)
 
 
 class _Seen(NamedTuple):
@@ -332,21 +345,32 @@ def _seen(  # noqa: PLR0913  what makes the returns
     """Simulate what a drive measures."""
     base = draw(seed)
     drive = replace(DRIVES[kind](base), in_own_frame=own)
-    sensor, parts = drive.sensor, []
+    sensor = _scanner(drive)
+    parts: list[tuple[int, int, Returns]] = []
     for head in range(heads):
         turned = replace(sensor, yaw=-sensor.yaw if head else sensor.yaw)
         one = replace(drive, sensor=turned, seed=drive.seed + head)
         block = gather(one)
         first = merge(block.clean, block.spoilt) if share is None else about(block, share)
-        parts += [(head, echo, *some) for echo, some in _echoes(one, first, echoes)]
-    head, echo = (np.concatenate([np.full(len(p[2]), p[i]) for p in parts]) for i in (0, 1))
-    shot, points = (np.concatenate([p[i] for p in parts]) for i in (2, 3))
-    late = head * (sensor.interval // 2)
-    time = shot * sensor.interval + late
-    order = np.lexsort((echo, time))
-    columns = (column[order] for column in (points, time, shot, head, echo, late))
-    turn = base.sensor.shots_per_line
-    return _Seen(*columns, drive.shots, turn, sensor.shots_per_line, sensor.interval)
+        parts += [(head, echo, some) for echo, some in _echoes(one, first, echoes)]
+    returns, counts = join([part[2] for part in parts]), [len(part[2].shot) for part in parts]
+    heads_of = np.repeat([part[0] for part in parts], counts)
+    echoes_of = np.repeat([part[1] for part in parts], counts)
+    late = heads_of * (sensor.interval // 2)
+    time = returns.shot * sensor.interval + late
+    order = np.lexsort((echoes_of, time))
+    return _Seen(
+        points=returns.points[order],
+        time=time[order],
+        shot=returns.shot[order],
+        head=heads_of[order],
+        echo=echoes_of[order],
+        late=late[order],
+        shots=drive.shots,
+        shots_per_turn=_scanner(base).shots_per_line,
+        shots_per_line=sensor.shots_per_line,
+        interval=sensor.interval,
+    )
 
 
 def _echoes(drive: Drive, first: Returns, echoes: str) -> Iterator[tuple[int, Returns]]:

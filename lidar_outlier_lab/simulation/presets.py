@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.simulation.world.recording import Cloud
 
 _SURVEY, _FLIGHT = 'papers.surveyed_streets:survey', 'papers.aerial:flight'
-_STREET = 'scenes.spinning_streets:street'
+_STREET, _MAPPING = 'scenes.spinning_streets:street', 'forms:mapping'
 
 # Where the function is that makes the clouds, a module in simulation/, and a sentence about them.
 PRESETS = {
@@ -32,6 +32,8 @@ PRESETS = {
     'street-32': (_STREET, '32 rings, snow; 3 % outliers'),
     'street-64': (_STREET, '64 rings, rain; 2.5 % outliers'),
     'street-128': (_STREET, '128 rings, rain and spray; 2.5 % outliers'),
+    'mapping-a': (_MAPPING, 'two heads of 250 turns/s: fences, hedges, wires, sun'),
+    'mapping-b': (_MAPPING, 'two heads of 200 turns/s: tramway, traffic, wet road, panes'),
 }
 
 
@@ -40,6 +42,7 @@ def make(
     seed: int = 1,
     share: float | None = None,
     progress: Callable[[float], object] = lambda _: None,
+    form: str | None = None,
 ) -> Iterator[Cloud]:
     """Simulate a preset: clouds in the order in which they are recorded.
 
@@ -49,11 +52,12 @@ def make(
     seed : from 0; the same seed gives the same bytes
     share : of the points that are outliers, 0 to 1; None: the preset's own
     progress : is called with the share done
+    form : in which a driver sends it, one of ``forms.FORMS``; None: the preset's own
 
     Raises
     ------
     FilterError
-        If there is no such preset, or it cannot have such a share.
+        If there is no such preset, or it cannot have such a share or form.
 
     """
     if name not in PRESETS:
@@ -63,7 +67,11 @@ def make(
     if share is not None and not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise FilterError('the share', 'from 0 to 1', share)
     maker = resolve_name(f'{__package__}.{PRESETS[name][0]}')
-    return maker(name, seed, share, progress)
+    if form is None:
+        return maker(name, seed, share, progress)
+    if PRESETS[name][0] != _MAPPING:
+        raise FilterError('the form', 'of a preset mapping-...', f'{form} of {name}')
+    return maker(name, seed, share, progress, form)
 
 
 WEATHER_NAMES = {

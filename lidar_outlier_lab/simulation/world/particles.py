@@ -130,3 +130,20 @@ class ThinFall:
         falls = depth < np.pi / 2.0
         far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
         return np.where(far < reach, far, np.inf)
+
+
+@dataclass(frozen=True)
+class SunNoise:
+    """Light that is no echo: a ``share`` of the shots is measured anywhere in the range gate.
+
+    What lies before the surface replaces it; a shot at the sky gives a point.
+    """
+
+    share: float
+    farthest: float = 150.0  # metres
+    cause: Cause = Cause.SINGLE
+
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
+        """Distance (N,) at which bundles seem to be sent back before ``reach``; inf: never."""
+        far = np.where(rng < self.share, rng / self.share * self.farthest, np.inf)
+        return np.where(far < reach, far, np.inf)

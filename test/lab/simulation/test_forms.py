@@ -15,15 +15,17 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_lab.results import forms as results
 from lidar_outlier_lab.simulation import forms
 from lidar_outlier_lab.simulation.forms import FORMS, form_clouds
+from lidar_outlier_lab.simulation.scenes.mapping_streets import street
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.recording import START, Cloud, to_message
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
-TURNS = 22
+TURNS, INTERVAL = 22, 6667  # of the short drive; nanoseconds between shots
 
 
 def short(seed: int) -> Drive:
     """Draw a drive of a few turns."""
-    return replace(forms.street(seed), lines=TURNS)
+    return replace(street(seed), lines=TURNS)
 
 
 def sent(name: str) -> list[Cloud]:
@@ -71,7 +73,7 @@ def test_cuts() -> None:
         assert list(shots(sent(name))) == whole
     lengths = {cloud.sent - cloud.stamp for cloud in sent('odd')}
     assert len(lengths) == len(sent('odd')) > 2
-    assert all(length % forms.INTERVAL == 0 for length in lengths)
+    assert all(length % INTERVAL == 0 for length in lengths)
 
 
 def test_columns() -> None:
@@ -91,7 +93,7 @@ def test_shared_times() -> None:
     """Some shots have the time of the first among them; a clock may tick."""
     for name, together in (('time_of_line', 1000), ('time_of_24', 24), ('time_of_384', 384)):
         t = np.array(list(shots(sent(name))))
-        assert (t % (together * forms.INTERVAL) == 0).all()
+        assert (t % (together * INTERVAL) == 0).all()
     assert set(np.array(list(shots(sent('ticks')))) % 25_000) == {0}
 
 
@@ -125,6 +127,7 @@ def test_other_scanners() -> None:
     assert points(sent('heads_line'))['line'].max() == 2 * TURNS - 1
     assert points(sent('facets_line'))['line'].max() == 4 * TURNS - 1
     sensor = forms.DRIVES['swings'](short(1)).sensor
+    assert isinstance(sensor, ProfileScanner)
     there, back = sensor.angle(np.arange(1000)), sensor.angle(np.arange(1000, 2000))
     assert np.degrees(there[[0, -1]]) == pytest.approx([80.0, 279.8])
     assert (there == back[::-1]).all()

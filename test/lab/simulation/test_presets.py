@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every preset: its figures, its truth, its seed; and the command that records it."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +14,16 @@ from helpers.clouds import STORE
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.truth import Kind
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_lab.simulation import forms
 from lidar_outlier_lab.simulation.papers import aerial
 from lidar_outlier_lab.simulation.papers import surveyed_streets as leslar
 from lidar_outlier_lab.simulation.presets import PRESETS, make
+from lidar_outlier_lab.simulation.scenes import mapping_streets
 from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
+from lidar_outlier_lab.simulation.world.drive import Drive
 
 SMALL = 'sotoodeh-hod'
 
@@ -33,6 +39,8 @@ def smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, flight in aerial.FLIGHTS.items():
         shorter = replace(flight, lines=flight.lines // 10, shots=flight.shots // 20)
         monkeypatch.setitem(aerial.FLIGHTS, name, shorter)
+    for name, draw in mapping_streets.STREETS.items():
+        monkeypatch.setitem(mapping_streets.STREETS, name, partial(_few_turns, draw))
     monkeypatch.setattr(aerial, 'GOOD', 50_000)
     monkeypatch.setattr(aerial, 'OUTLIERS', 260)
     for number, weather in streets.WEATHER.items():
@@ -41,6 +49,10 @@ def smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         columns, column_time = sensor.columns // 8, 8 * sensor.column_time
         coarser = replace(sensor, columns=columns, column_time=column_time)
         monkeypatch.setitem(streets.SENSORS, number, coarser)
+
+
+def _few_turns(draw: Callable[[int], Drive], seed: int) -> Drive:
+    return replace(draw(seed), lines=20)
 
 
 @pytest.mark.usefixtures('smaller')
@@ -66,6 +78,15 @@ def test_points_and_outliers(name: str) -> None:
         # The sky, and open windows, leave shots without a point.
         shots = streets.SENSORS[rings].shots_per_line * weather.turns
         assert 0.7 < len(label) / shots < 0.99
+        return
+    if name.startswith('mapping-'):
+        # Two messages of each head; of its shots, some have two echoes.
+        assert [cloud.topic for cloud in made] == 2 * list(forms.TOPICS)
+        for cloud in made:
+            assert set(cloud.points['return_number']) == {1, 2}
+            assert (np.diff(cloud.points['t'].astype(np.int64)) >= 0).all()
+        kinds = set(np.concatenate([cloud.points['surface'] for cloud in made]).tolist())
+        assert {Kind.FENCE, Kind.WIRE, Kind.CAR, Kind.FOLIAGE, Kind.ROAD} <= kinds
         return
     sizes = {
         **{one: (how.points, how.outliers) for one, how in leslar.SURVEYS.items()},
@@ -105,6 +126,11 @@ def test_seeds_differ(name: str) -> None:
         ({'name': SMALL, 'seed': -1}, 'the seed must be at least 0, got -1'),
         ({'name': SMALL, 'share': 1.5}, 'the share must be from 0 to 1, got 1.5'),
         ({'name': SMALL, 'share': 0.1}, 'must be left as it is in this preset'),
+        ({'name': SMALL, 'form': 'line'}, 'the form must be of a preset mapping-..., got line of'),
+        (
+            {'name': 'mapping-a', 'form': 'lines'},
+            'the form must be one of line, turn, .*, got lines',
+        ),
         ({'name': 'pirotti-fcd', 'share': 0.5}, 'the share must be from 0 to 0.1, got 0.5'),
     ],
 )
@@ -112,6 +138,16 @@ def test_refusals(arguments: dict[str, object], sentence: str) -> None:
     """What makes no sense is refused before anything is cast, or as soon as it is known."""
     with pytest.raises(FilterError, match=sentence):
         list(make(**arguments))  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures('smaller')
+def test_forms() -> None:
+    """A preset of a profile scanner is sent in a driver's form, with a share of outliers."""
+    made = tuple(make('mapping-b', form='packets', share=0.01))
+    points = np.concatenate([cloud.points for cloud in made])
+    assert points.dtype.names == ('x', 'y', 'z', 'intensity', 't', 'label', 'surface')
+    assert np.mean(points['label'] != 0) == pytest.approx(0.01, abs=1e-4)
+    assert {cloud.sent - cloud.stamp for cloud in made[:-1]} == {384 * 4000}
 
 
 def test_command(
@@ -137,3 +173,6 @@ def test_command(
     assert [main(['simulate', SMALL]) for _ in range(2)] == [0, 1]
     assert {path.name for path in tmp_path.iterdir()} == {'bag', SMALL}
     assert 'the output must be a new folder' in capsys.readouterr().err
+    onto = ['simulate', '--onto', 'bag', '--weather', 'rain']
+    assert main([*onto, '--form', 'rows']) == 1
+    assert '--form must be given with a PRESET, got rows' in capsys.readouterr().err
