@@ -68,23 +68,23 @@ def find_profile_pattern(
 
     """
     order = order_by_line(points) if order is None else order
-    of_scanners = _part_scanners(points, order)
+    parts = _part_scanners(points, order)
     scanners: list[Scanner] = []
-    for lines in of_scanners:
-        scanner = find_scanner(lines, threads)
+    for part in parts:
+        scanner = find_scanner(part, threads)
         if scanner is None:
             return None
         scanners.append(scanner)
     if not scanners:
         return None
-    lines, phase, copies = _sort(points, of_scanners, scanners, threads)
+    lines, phase, copies = _sort(points, parts, scanners, threads)
     columns, ranks, begin = [], [], 0
-    for of_scanner, scanner in zip(of_scanners, scanners, strict=True):
-        rank = of_scanner.rank
-        first = lines.first[begin : begin + len(rank) + 1]
-        columns.append(_space_out(lines, phase, first, scanner.position[rank]))
-        ranks.append(begin + rank)
-        begin += len(rank)
+    for part, scanner in zip(parts, scanners, strict=True):
+        count = len(part.rank)
+        first = lines.first[begin : begin + count + 1]
+        columns.append(_space_out(lines, phase, first, scanner.position[part.rank]))
+        ranks.append(begin + part.rank)
+        begin += count
     rank = np.concatenate(ranks)
     found = make_pattern(
         np.diff(lines.first)[rank],
