@@ -31,8 +31,9 @@ GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
 EDGE, DIRECTION = 'edge_of_flight_line', 'scan_direction_flag'
 ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
+USER_DATA = 'user_data'  # where it makes lines much longer, it tells scanners apart
 MIRROR = (EDGE, DIRECTION, *ANGLES)
-LAS_COLUMNS = (*MIRROR, *SOURCES)
+LAS_COLUMNS = (*MIRROR, *SOURCES, USER_DATA)
 ANGLE_NOISE = 12  # a step smaller than this part of the angle's span may be noise
 
 
@@ -243,11 +244,11 @@ def _with_lines(
     timed = replace(points, t=t)
     if line is None and parameters.line_source == 'auto':
         timed, found_by = _recover_lines(timed, columns, parameters)
-        line, t = (timed.line, timed.t) if found_by else (None, t)
+        line = timed.line if found_by else None
     elif line is not None and found_by in columns and found_by not in LAS_COLUMNS:
         claim = Claim('field', f'column {found_by!r}')
         timed, decision = settle_lines(replace(timed, line=line), claim, line_period(parameters))
-        line, t = timed.line, timed.t
+        line = timed.line
         more += [decision.text] * decision.contradicts
     note = '; '.join(notes + more)
     if line is None:
@@ -351,6 +352,21 @@ def find_lines(t: Ints, columns: Columns, angle: str = '') -> tuple[Ints | None,
 
     """
     sources = [columns[name] for name in SOURCES if name in columns]
+    line, found_by = _find_lines(t, columns, angle, sources)
+    user = columns.get(USER_DATA)
+    if line is None or user is None or np.ptp(user) == 0:
+        return line, found_by
+    of_user, by_user = _find_lines(t, columns, angle, [*sources, user])
+    # Scanners in turn: their angles jump all the time.
+    if of_user is None or 2 * of_user.max() >= line.max():
+        return line, found_by
+    return of_user, by_user
+
+
+def _find_lines(
+    t: Ints, columns: Columns, angle: str, sources: Sequence[NDArray[Any]]
+) -> tuple[Ints | None, str]:
+    """Find the scan lines of each combination of sources."""
     order = np.lexsort((t, *reversed(sources)))
     t = t[order]
     source_begins = np.zeros(len(t), np.bool_)

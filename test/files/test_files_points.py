@@ -8,12 +8,17 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
 import pyarrow as pa
 import pytest
 from helpers.cloud_files import write_las
+from helpers.scans import Drive
 from pyarrow import parquet
 
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
 from lidar_outlier_filter.errors import CloudError, FilterError
 from lidar_outlier_filter.files import points as scan
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -280,6 +285,42 @@ def test_sources_are_apart_and_returns_together(tmp_path: Path) -> None:
         return_number=np.array([1, 1, 1, 1, 1, 1, 1, 2]),
     )
     assert groups(loaded(path).points.line) == [0, 1, 0, 1, 2, 3, 2, 3]
+
+
+@pytest.mark.parametrize('source', ['point_source_id', 'user_data'])
+def test_scanners_of_a_vehicle(tmp_path: Path, source: str) -> None:
+    """Two heads in coordinates of a map, some shots with two returns: each has its lines."""
+    drives = [Drive(30 + k, 0.02, lines=16, shots=800, strays=0.005) for k in range(2)]
+    columns = []
+    for k, drive in enumerate(drives):
+        behind = np.arange(len(drive.t)) % 25 == 0
+        far = drive.eye + 1.2 * drive.far[:, None] * drive.beam
+        second = np.append(np.zeros(len(behind), np.int64), np.ones(behind.sum(), np.int64))
+        xyz = np.concatenate([drive.points.xyz, far[behind]]) + 20.0 * k
+        t = 3.1e8 + np.append(drive.t, drive.t[behind]) * 1e-9 + 0.0013 * k
+        angle = np.append(drive.angle, drive.angle[behind]) * (30000 / np.pi) - 30000
+        bad = np.append(drive.stray, behind[behind])
+        head = np.full(len(t), k + 1)
+        columns.append([*np.rint(xyz.T * 1000), t, angle.astype(int), second + 1, bad, head])
+    x, y, z, t, angle, number, bad, head = map(np.concatenate, zip(*columns, strict=True))
+    order = np.lexsort((number, t))
+    path = tmp_path / 'heads.las'
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    header.scales, header.offsets = [0.001] * 3, [4e5, 5.4e6, 0.0]
+    las = laspy.LasData(header)
+    las['X'], las['Y'], las['Z'] = (one[order].astype(np.int32) for one in (x, y, z))
+    las['gps_time'], las['scan_angle'], las['return_number'] = t[order], angle[order], number[order]
+    las[source] = head[order]
+    las.write(path)
+    points = loaded(path).points
+    assert len(np.unique(points.line)) == 32
+    found = find_either(points, 'auto')
+    assert found is not None
+    assert found.model == PROFILE_MODEL
+    rejected = judge(found.pattern, 1.0, model=found.model) > 1
+    stray = bad[order].astype(bool)
+    assert rejected[stray & (number[order] == 1)].mean() > 0.8
+    assert rejected[~stray].mean() < 0.002
 
 
 def test_no_scan_lines(tmp_path: Path) -> None:

@@ -65,10 +65,6 @@ class StreamCloud:
         self.where = np.flatnonzero(self.points.valid)
         if len(self.where) != len(self.points):
             self.points = self.points.take(self.where)
-        self.note_times()
-
-    def note_times(self) -> None:
-        """Note the interval of time of the points, and whether they are sorted by it."""
         t = self.points.t
         self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
         self.is_sorted = bool((t[1:] >= t[:-1]).all())

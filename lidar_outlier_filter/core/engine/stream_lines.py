@@ -130,8 +130,5 @@ class StreamLines(Generic[AnyCloud]):
         return released
 
     def _numbered(self, cloud: AnyCloud) -> AnyCloud:
-        t = cloud.points.t
         cloud.points = self._numbers.number(cloud.points)
-        if cloud.points.t is not t:
-            cloud.note_times()
         return cloud

@@ -247,11 +247,11 @@ class LineNumbers:
         """Return points with their lines; they follow those of the call before."""
         if not len(points):
             return points
-        if self._spreader.clock.shots >= MIN_SHOTS:
-            points = replace(points, t=self._spreader.spread(points.t))
         if self.decision.kind == 'given':
             return points if points.head is None else replace(points, head=None)
-        return replace(points, line=self.lines(points), head=None)
+        # Times stay as they are: blocks, and methods that know all of a tick, spread them anew.
+        own = replace(points, t=self._spreader.spread(points.t))
+        return replace(points, line=self.lines(own), head=None)
 
     def lines(self, points: Points) -> Ints:
         """Return the line of each point (N,)."""
@@ -290,7 +290,6 @@ def settle_lines(points: Points, claim: Claim, period: float = 0.0) -> tuple[Poi
         return points, GIVEN
     end = int(some.t.min()) + STRETCH_NS
     decision = decide(some.take(some.t < end), claim, period)
-    numbered = LineNumbers(decision).number(some)
-    t, line = points.t.copy(), points.line.copy()
-    t[where], line[where] = numbered.t, numbered.line
-    return replace(points, t=t, line=line, head=None), decision
+    line = points.line.copy()
+    line[where] = LineNumbers(decision).number(some).line
+    return replace(points, line=line, head=None), decision

@@ -57,8 +57,31 @@ def measure_clock(t: Ints, begins: Bools | None = None) -> Clock:
     return Clock(share, int(np.median(elapsed[elapsed > 0])), shots)
 
 
+def spread_times(t: Ints, clock: Clock, begins: Bools | None = None) -> Ints:
+    """Spread equal times evenly up to the next tick, in the order given.
+
+    Shots that miss are not known: those of a tick that is not full are farther apart. No shot
+    leaves its tick, and all returns of one keep one time.
+
+    Parameters
+    ----------
+    t, begins : as of :func:`measure_clock`, of any run of points that cuts no tick
+    clock : of the whole stream
+
+    """
+    if clock.shots < 2 or not len(t):  # noqa: PLR2004  times of their own
+        return t
+    new = np.append([True], t[1:] != t[:-1])
+    number = np.arange(len(t)) if begins is None else np.cumsum(begins | new) - 1
+    tick = np.cumsum(new) - 1
+    first = number[new]
+    count = np.append(first[1:], number[-1] + 1) - first
+    spread: Ints = t + (number - first[tick]) * clock.tick // count[tick]
+    return spread
+
+
 class TimeSpreader:
-    """Spreads equal times in the order given; the same points cut in any way get the same times.
+    """Spreads equal times of a stream; the same points cut in any way get the same times.
 
     The shots of a tick follow each other at the interval of a full one. Shots that miss are not
     known: in a tick that is not full, those behind them come too early, but none leaves its tick.

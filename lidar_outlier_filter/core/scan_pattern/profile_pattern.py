@@ -16,7 +16,8 @@ from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import find_returns, line_starts, order_by_line
+from lidar_outlier_filter.core.points.shared_times import measure_clock, spread_times
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     OrderedLines,
     Pattern,
@@ -38,6 +39,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN, Turned, leave_out_copies
 
 MIN_LINES = 2  # of a scanner
+MAX_SCANNERS = 4  # whose lines have numbers in turn
 MAX_RUNS = 64  # of line numbers that follow each other in time
 MAX_OVERLAP = 0.1  # share of the time of a scanner's lines in which it also measures the next one
 APART_RAD = 1e5  # rad from the angles of one scanner to those of the next: none is next to another
@@ -66,25 +68,23 @@ def find_profile_pattern(
 
     """
     order = order_by_line(points) if order is None else order
-    of_scanners = _part_scanners(
-        points.xyz, points.t[order], order, line_starts(points.line[order])
-    )
+    parts = _part_scanners(points, order)
     scanners: list[Scanner] = []
-    for lines in of_scanners:
-        scanner = find_scanner(lines, threads)
+    for part in parts:
+        scanner = find_scanner(part, threads)
         if scanner is None:
             return None
         scanners.append(scanner)
     if not scanners:
         return None
-    lines, phase, copies = _sort(points, of_scanners, scanners, threads)
+    lines, phase, copies = _sort(points, parts, scanners, threads)
     columns, ranks, begin = [], [], 0
-    for of_scanner, scanner in zip(of_scanners, scanners, strict=True):
-        rank = of_scanner.rank
-        first = lines.first[begin : begin + len(rank) + 1]
-        columns.append(_space_out(lines, phase, first, scanner.position[rank]))
-        ranks.append(begin + rank)
-        begin += len(rank)
+    for part, scanner in zip(parts, scanners, strict=True):
+        count = len(part.rank)
+        first = lines.first[begin : begin + count + 1]
+        columns.append(_space_out(lines, phase, first, scanner.position[part.rank]))
+        ranks.append(begin + part.rank)
+        begin += count
     rank = np.concatenate(ranks)
     found = make_pattern(
         np.diff(lines.first)[rank],
@@ -96,31 +96,51 @@ def find_profile_pattern(
     return found
 
 
-def _part_scanners(xyz: Floats, t: Ints, order: Ints, first: Ints) -> list[TimedLines]:
-    """Part lines, sorted by number, by scanners; return none where these cannot be told apart.
+def _part_scanners(points: Points, order: Ints) -> list[TimedLines]:
+    """Part points, sorted by line, by scanners; return none where these cannot be told apart.
 
-    A scanner measures one line after the other. Where several scanners measure at once, the
-    numbers of each follow each other.
+    A scanner measures one line after the other. Where several scanners measure at once, their
+    numbers take turns, or those of each follow each other.
     """
-    begins, ends = t[first[:-1]], t[first[1:] - 1]
-    if not _overlap(begins, ends):
-        numbers = [np.arange(len(begins))]
-    else:
-        runs = np.split(np.arange(len(begins)), np.flatnonzero(np.diff(begins) < 0) + 1)
-        numbers = []
-        for run in runs[:MAX_RUNS]:
-            for k, some in enumerate(numbers):
-                both = np.append(some, run)
-                if not _overlap(begins[both], ends[both]):
-                    numbers[k] = both
-                    break
-            else:
-                numbers.append(run)
-        if len(runs) > MAX_RUNS or any(_overlap(begins[some], ends[some]) for some in numbers):
-            return []
-    if any(len(lines) < MIN_LINES for lines in numbers):
-        return []
-    return [_take_lines(xyz, t, order, first, lines) for lines in numbers]
+    t, line = _times(points, order), points.line[order]
+    first = line_starts(line)
+    begins, ends, number = t[first[:-1]], t[first[1:] - 1], line[first[:-1]]
+    in_turn = (number % count for count in range(1, MAX_SCANNERS + 1))
+    for scanner in (*in_turn, _runs(begins, ends)):
+        parts = [np.flatnonzero(scanner == one) for one in np.unique(scanner)]
+        if any(len(part) < MIN_LINES for part in parts):
+            continue
+        if not any(_overlap(begins[part], ends[part]) for part in parts):
+            return [_take_lines(points.xyz, t, order, first, part) for part in parts]
+    return []
+
+
+def _times(points: Points, order: Ints) -> Ints:
+    """Return the times of points sorted by line; those that shots share are spread."""
+    t = points.t[order]
+    if not (t[1:] == t[:-1]).any():
+        return t
+    returns = find_returns(points.take(order))
+    begins = None if returns is None else returns.shot == np.arange(len(t))
+    return spread_times(t, measure_clock(t, begins), begins)
+
+
+def _runs(begins: Ints, ends: Ints) -> Ints:
+    """Return the scanner of each line (L,), if the numbers of one follow each other in time."""
+    runs = np.split(np.arange(len(begins)), np.flatnonzero(np.diff(begins) < 0) + 1)
+    scanners: list[Ints] = []
+    for run in runs[:MAX_RUNS]:
+        for k, some in enumerate(scanners):
+            both = np.append(some, run)
+            if not _overlap(begins[both], ends[both]):
+                scanners[k] = both
+                break
+        else:
+            scanners.append(run)
+    found = np.zeros(len(begins), np.int64)
+    for k, some in enumerate(scanners):
+        found[some] = k
+    return found
 
 
 def _overlap(begins: Ints, ends: Ints) -> bool:

@@ -40,7 +40,10 @@ SURE_SIGMAS = 2.0  # standard deviations: a smaller drift is none
 MOTION_LINES = 32  # lines that show one velocity
 MAD_TO_SIGMA = 1.4826
 MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
-MAX_OFF_STEPS = 0.5  # steps of the mirror that a typical return may be off its angle
+# Steps of the mirror that a typical return may be off its angle: of a mirror that swings, or turns.
+MAX_OFF_SWING_STEPS, MAX_OFF_STEPS = 0.5, 1.0
+# From so many on, the position shows angles better than times do, unless it is this far off, rad.
+GEOMETRIC_FROM_STEPS, MAX_GEOMETRIC_RAD = 0.15, 0.2
 MAX_OFF_PLANE_RAD = 0.02  # rad that a typical return of a typical line may be off its plane
 MAX_SIGMA_M = 0.2  # m: standard deviation of the scanner's position
 POSITION_PARTS = (
@@ -106,6 +109,11 @@ class TimedLines(NamedTuple):
     def begins(self) -> Ints:
         """Return when lines begin, nanoseconds, in the order of time."""
         return self.t[self.first[:-1]][self.rank]
+
+    @property
+    def ends(self) -> Ints:
+        """Return when lines end, nanoseconds, in the order of time."""
+        return self.t[self.first[1:] - 1][self.rank]
 
     def indices(self, part: Floats) -> Ints:
         """Return where the returns at some parts (S,) of each line are in order (L, S)."""
@@ -174,7 +182,9 @@ def find_scanner(lines: TimedLines, threads: int = 0) -> Scanner | None:
 
 def _turning_mirror(lines: TimedLines, threads: int) -> _Mirror | None:
     """Return the angles of a mirror that turns once in a line."""
-    period, velocity = median_of(np.diff(lines.begins)), np.zeros((len(lines.rank), 3))
+    # Where points are cut out of a stream, the first line begins late, and the last one ends early.
+    elapsed = np.sort(np.concatenate([np.diff(lines.begins), np.diff(lines.ends)]))
+    period, velocity = float(elapsed[len(elapsed) // 2]), np.zeros((len(lines.rank), 3))
     some = lines.indices(EVENLY)
     for lag in LAGS:
         if not period > 0.0:
@@ -251,7 +261,7 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
     found = [_find_swing(xyz, wave[some]) for wave in waves]
     swing, off = min(found, key=lambda one: one[1] / one[0])
     step = _usual_step(lines) * (2.0 * swing / period)
-    if off > MAX_OFF_STEPS * step:
+    if off > MAX_OFF_SWING_STEPS * step:
         return None
     angle = np.rint(swing * waves[found.index((swing, off))] * ANGLE_PARTS) / ANGLE_PARTS
     return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
@@ -313,8 +323,9 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     some = lines.indices(EVENLY)
     still = _still(lines, some, mirror.since[some], velocity)
     fit = _fit(still, mirror.angle[some], threads)
+    limit = MAX_OFF_SWING_STEPS if mirror.swings else MAX_OFF_STEPS
     good = (
-        (fit.off <= MAX_OFF_STEPS * mirror.step)
+        (fit.off <= limit * mirror.step)
         & (fit.unsure <= MAX_SIGMA_M)
         & (lines.sizes >= MIN_RETURNS)
     )
@@ -335,9 +346,29 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
     moved = np.repeat(mirror.velocity, lines.sizes, axis=0) * (mirror.since / SECOND)[:, None]
     if not mirror.swings:
-        return Scanner(found, mirror.angle, moved)
+        angle = mirror.angle
+        if median_of(fit.off[good]) > GEOMETRIC_FROM_STEPS * mirror.step:
+            nearest = np.interp(mirror.turns, when[known], np.arange(np.count_nonzero(known)))
+            beam = fit.beam[rank[known][np.rint(nearest).astype(np.int64)]]
+            angle = _see(lines, found, moved, beam, angle)
+        return Scanner(found, angle, moved)
     sense = _sense(lines.xyz[lines.order[lines.indices(EVENLY)]] - found[:, None], rank)
     return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes), moved)
+
+
+def _see(lines: TimedLines, position: Floats, moved: Floats, beam: Floats, angle: Floats) -> Floats:
+    """Return the angle (N,) at which the scanner sees each return; ``angle`` where that is far off.
+
+    ``beam`` (L, 2, 3) are the directions of angles 0 and π/2 in lines.
+    """
+    sizes = lines.sizes
+    rays = lines.xyz[lines.order] - moved - np.repeat(position, sizes, axis=0)
+    here, onward = ((rays * np.repeat(beam[:, k], sizes, axis=0)).sum(axis=1) for k in range(2))
+    off = np.arctan2(onward, here) - angle
+    off -= TURN * np.rint(off / TURN)
+    seen = angle + np.where(np.abs(off) < MAX_GEOMETRIC_RAD, off, 0.0)
+    rounded: Floats = np.rint(seen * ANGLE_PARTS) / ANGLE_PARTS
+    return rounded
 
 
 def _sense(xyz: Floats, rank: Ints) -> Floats:

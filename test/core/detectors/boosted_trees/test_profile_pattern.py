@@ -144,12 +144,12 @@ def test_narrow_swing_has_no_pattern() -> None:
 
 @pytest.mark.parametrize(
     ('field', 'value', 'is_accepted'),
-    [('unsure', 0.19, True), ('unsure', 0.21, False), ('off', 0.49, True), ('off', 0.51, False)],
+    [('unsure', 0.19, True), ('unsure', 0.21, False), ('off', 0.99, True), ('off', 1.01, False)],
 )
 def test_limits_of_the_fit(
     monkeypatch: pytest.MonkeyPatch, field: str, value: float, *, is_accepted: bool
 ) -> None:
-    """Uncertainty up to 0.2 m and residuals up to half a mirror step are accepted."""
+    """Uncertainty up to 0.2 m and residuals up to a mirror step are accepted."""
     value *= 2 * np.pi / 120 if field == 'off' else 1.0
 
     def fit(xyz: Floats, turned: Floats) -> Fit:
@@ -352,7 +352,7 @@ def test_later_returns_of_shots() -> None:
 
 @pytest.mark.parametrize('scanners', [2, 3])
 def test_scanners_that_measure_at_once(scanners: int) -> None:
-    """Each of them has the pattern that it has alone."""
+    """Each of them has the pattern that it has alone, whether or not numbers take turns."""
     drives = [Drive(10 + k, 0.02, lines=20, shots=800) for k in range(scanners)]
     parts = [
         points_of(one.points.xyz + 100.0 * k, one.t + 1_700_000 * k, one.line + 100 * k)
@@ -360,13 +360,36 @@ def test_scanners_that_measure_at_once(scanners: int) -> None:
     ]
     points = concatenate(parts)
     in_time = np.argsort(points.t, kind='stable')
-    together = np.empty(len(points))
-    together[in_time] = scores(points.take(in_time))
     rejected = np.concatenate([scores(part) > 1 for part in parts])
-    assert (rejected != (together > 1)).mean() < 1e-3
-    # Whose numbers are mixed, are not told apart.
-    mixed = replace(points, line=points.line % 100 * scanners + points.line // 100)
-    assert find_profile_pattern(mixed) is None
+    in_turn = points.line % 100 * scanners + points.line // 100
+    for line in (points.line, in_turn):
+        together = np.empty(len(points))
+        together[in_time] = scores(replace(points, line=line).take(in_time))
+        assert (rejected != (together > 1)).mean() < 1e-3
+    mixed = np.random.default_rng(1).permutation(20 * scanners)[in_turn]
+    assert find_profile_pattern(replace(points, line=mixed)) is None
+
+
+@pytest.mark.parametrize('each', [4, 24])
+def test_shots_that_share_a_time(each: int) -> None:
+    """Strays are found by a coarse clock, too: angles are those at which the scanner sees them."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    tick = each * (PERIOD // 800)
+    rejected = scores(points_of(drive.points.xyz, drive.t // tick * tick, drive.line)) > 1
+    assert rejected[drive.stray].mean() > 0.8
+    assert rejected[~drive.stray].mean() < 0.002
+
+
+@pytest.mark.parametrize('lines', [3, 4])
+def test_lines_cut_out_of_a_stream(lines: int) -> None:
+    """The first line begins late, and the last one ends early."""
+    drive = Drive(22, 0.1, lines=lines, shots=1000)
+    kept = (drive.angle > 2.0) | (drive.line > 0)
+    kept &= (drive.angle < 4.5) | (drive.line < lines - 1)
+    pattern = profile_pattern_of(drive.points.take(kept))
+    has_return = pattern.order >= 0
+    order = np.flatnonzero(kept)[pattern.order[has_return]]
+    assert np.ptp(pattern.phase[has_return] - drive.angle[order]) < 2e-3
 
 
 def test_parameter_sensor() -> None:
