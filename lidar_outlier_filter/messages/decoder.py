@@ -27,6 +27,7 @@ from lidar_outlier_filter.core.points.points import (
     too_coarse,
 )
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
+from lidar_outlier_filter.core.scan_pattern.recognise import rows_are_columns
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -53,7 +54,7 @@ class Convention:
     @property
     def has_rings(self) -> bool:
         """Whether the scan lines are the sensor's rings."""
-        return self.line_source in {'field', 'row'}
+        return self.line_source in {'field', 'row', 'column'}
 
     def __str__(self) -> str:
         """Describe it for the log."""
@@ -111,7 +112,7 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        convention = self._convention(view, valid)
+        convention = self._convention(view, valid, xyz)
         if convention is None:
             # Without a valid point there is no convention, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
@@ -165,7 +166,7 @@ class Decoder:
                     must_be = 'a float, to become NaN under keep_organized'
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
-    def _convention(self, view: Rows, valid: Bools) -> Convention | None:
+    def _convention(self, view: Rows, valid: Bools, xyz: Floats) -> Convention | None:
         """Return the convention of this layout; None until it has a valid point."""
         found = self._conventions.get(view.dtype)
         if found is not None and (found.is_final or not valid.any()):
@@ -173,7 +174,7 @@ class Decoder:
         if found is None and len(self._conventions) == MAX_LAYOUTS:
             must_be = f'one of the first {MAX_LAYOUTS} layouts of the topic'
             raise CloudError('the fields', must_be, ', '.join(view.dtype.names or ()))
-        return self._detect(view, valid) if valid.any() else None
+        return self._detect(view, valid, xyz) if valid.any() else None
 
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Keep the convention for later clouds of this layout, and report it once."""
@@ -193,7 +194,7 @@ class Decoder:
             self._has_warned_of_steps = True
             self._warn(warning)
 
-    def _detect(self, view: Rows, valid: Bools) -> Convention:
+    def _detect(self, view: Rows, valid: Bools, xyz: Floats) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
         warnings, is_final = [], True
@@ -220,6 +221,10 @@ class Decoder:
             raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
+            if source == 'row' and rows_are_columns(
+                xyz.reshape(*view.shape, 3), valid.reshape(view.shape)
+            ):
+                source = 'column'
             if source != 'field':
                 note = ', so verdicts depend on the cut into messages' * (source == 'message')
                 warnings.append(f'no line field: each {source} is a scan line (line_source){note}')
@@ -231,11 +236,13 @@ class Decoder:
 
     def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:
-            # All rows of one column of an organised cloud have the same time.
+            # All lines of an organised cloud are measured at once.
             height, width = view.shape
-            column = np.tile(np.arange(width), height)
-            step = height * SECOND / self.parameters.points_per_second
-            offset: Ints = np.rint(column * step).astype(np.int64)
+            rings, shot = height, np.tile(np.arange(width), height)
+            if convention.line_source == 'column':
+                rings, shot = width, np.repeat(np.arange(height), width)
+            step = rings * SECOND / self.parameters.points_per_second
+            offset: Ints = np.rint(shot * step).astype(np.int64)
             return offset + _nanoseconds(stamp)
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
         start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
@@ -247,6 +254,8 @@ class Decoder:
             return np.asarray(_column(view, str(convention.line_field)).astype(np.int64))
         if convention.line_source == 'row':
             return np.repeat(np.arange(height), width)
+        if convention.line_source == 'column':
+            return np.tile(np.arange(width), height)
         if convention.line_source == 'message':
             return self._counter.next_line(view.size)
         return self._counter.by_angle(self._angle(view, xyz), valid)

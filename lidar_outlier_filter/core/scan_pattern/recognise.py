@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    MAX_RINGS,
     MIN_RINGS,
     Rings,
     as_turn,
@@ -35,6 +36,7 @@ SAMPLES = 64  # returns of a ring that show its elevation
 # and less, as lenses sit beside the axis; of the same rings seen from elsewhere 0.8 and more.
 AGREES, DISAGREES = 0.25, 2.0  # between: motion within a turn, or a frame a few metres away
 MIN_RING_DEGREES = 15  # of azimuth, in which a typical ring has returns
+MIN_GRID_RETURNS = 4  # of a row or column that shows an elevation
 MAX_MISSES = 3  # blocks without rings, after which a stream has none
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
 
@@ -165,6 +167,53 @@ def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
     return find_pattern(turned, threads, spins=True) if pattern is None else pattern
 
 
+def rows_are_columns(xyz: Floats, valid: Bools) -> bool:
+    """Return whether the rows of an organised cloud are columns of a sweep, so its columns rings.
+
+    Returns of a ring have one elevation, seen from the sensor. Where they have none in rows nor in
+    columns, as in another frame, there are more shots in a turn than rings in a sensor.
+
+    Parameters
+    ----------
+    xyz : (height, width, 3) float64
+        Metres.
+    valid : (height, width) bool
+
+    """
+    height, width = valid.shape
+    if min(height, width) < MIN_RINGS:
+        return False
+    sine = _sines(np.where(valid[..., None], xyz, np.nan))
+    as_rows, as_columns = _grid_spread(sine), _grid_spread(sine.T)
+    if min(as_rows, as_columns) > AGREES:
+        return height > MAX_RINGS >= width
+    return as_columns < as_rows
+
+
+def _grid_spread(sine: Floats) -> float:
+    """Return what :func:`ring_spread` does, of lines (L, M) with NaN where there is no return."""
+    count = np.isfinite(sine).sum(axis=1)
+    some = sine[count >= MIN_GRID_RETURNS]
+    return np.inf if len(some) < MIN_RINGS else _spread(some)
+
+
+def _sines(xyz: Floats) -> Floats:
+    """Return sines of elevations (...) of points (..., 3); 0 at the origin."""
+    distance = np.sqrt((xyz**2).sum(axis=-1))
+    sines: Floats = np.divide(
+        xyz[..., 2], distance, out=np.zeros_like(distance), where=distance != 0
+    )
+    return sines
+
+
+def _spread(sine: Floats) -> float:
+    """Return how far sines (L, M) are off the median of their line ÷ how far the next line is."""
+    middle = np.nanmedian(sine, axis=1)
+    gap = float(np.median(np.diff(np.sort(middle))))
+    off = np.nanmedian(np.abs(sine - middle[:, None]), axis=1)
+    return np.inf if gap < MIN_RING_GAP_RAD else float(np.median(off)) / gap
+
+
 def ring_spread(points: Points, order: Ints, *, spins: bool = False) -> float:
     """Return how far returns are off the elevation of their ring ÷ how far the next ring is.
 
@@ -191,12 +240,4 @@ def ring_spread(points: Points, order: Ints, *, spins: bool = False) -> float:
     if len(full) <= 1:
         return 0.0
     some = order[first[full, None] + np.arange(SAMPLES) * count[full, None] // SAMPLES]
-    xyz = points.xyz[some]
-    distance = np.sqrt((xyz**2).sum(axis=2))
-    sine: Floats = np.divide(xyz[..., 2], distance, out=np.zeros_like(distance), where=distance > 0)
-    middle = np.median(sine, axis=1)
-    off = np.median(np.abs(sine - middle[:, None]), axis=1)
-    gap = np.diff(np.sort(middle))
-    if np.median(gap) < MIN_RING_GAP_RAD:
-        return np.inf
-    return float(np.median(off) / np.median(gap))
+    return _spread(_sines(points.xyz[some]))
