@@ -80,7 +80,9 @@ def simulated(count: int, mount: tuple[float, float, float] = (0.0, 0.0, 1.9)) -
 
 def recorded(path: Path) -> list[Sweep]:
     """Read real sweeps, and leave out of the count what the default rejects of them."""
-    store, decoder = get_typestore(Stores.ROS2_JAZZY), Decoder(FilterParameters())
+    store = get_typestore(Stores.ROS2_JAZZY)
+    reading = {'time_field': 'stamp'} if 'nebula' in path.name else {}
+    decoder = Decoder(FilterParameters().changed(reading))
     sweeps, rng = [], np.random.default_rng(1)
     with Recording(path) as source:
         for topic, _, data in source.messages():
