@@ -30,6 +30,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.declaration import Contributions, ReasonName
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.plausible import rejects_surfaces
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -51,10 +52,17 @@ class Method(Enum):
 
     PATTERN = 'trees on the scan pattern'
     NEIGHBOURS = 'trees on the neighbours of each point'
+    IMPLAUSIBLE = (
+        'trees on the neighbours of each point, because on the scan pattern surfaces were rejected'
+    )
     UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
 
 
-METHODS = {Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS}
+METHODS = {
+    Method.PATTERN.value: _PATTERN,
+    Method.NEIGHBOURS.value: _NEIGHBOURS,
+    Method.IMPLAUSIBLE.value: _NEIGHBOURS,
+}
 
 
 MODELS = {
@@ -75,6 +83,7 @@ def find_either(
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
+    Where trees on the scan pattern reject surfaces, it is not what it seemed, and neighbours judge.
     Without a scan pattern, a point needs neighbours on other scan lines: unless ``sensor`` is
     ``survey``, the points of a block with a single line stay untested.
     """
@@ -87,10 +96,32 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
         ('pattern', sensor), lambda: find_either(points, sensor, seen.threads, kept)
     )
     if found is not None:
+        if _rejects_surfaces(seen, found, parameters):
+            return Method.IMPLAUSIBLE, None
         return Method.PATTERN, found
     if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
         return Method.NEIGHBOURS, None
     return Method.UNTESTED, None
+
+
+def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameters) -> Scores:
+    """Score points by the trees on their scan pattern, once."""
+    threshold = parameters.of(BoostedTrees).threshold
+
+    def score() -> Scores:
+        reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
+        scores = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
+        return Scores(scores, reason=reason, scaled=True, method=Method.PATTERN.value)
+
+    return seen.cached(('by pattern', threshold, parameters.scores), score)
+
+
+def _rejects_surfaces(
+    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters
+) -> bool:
+    """Return whether trees on the scan pattern reject surfaces, whatever the threshold."""
+    score = _judge(seen, found, parameters).score * parameters.of(BoostedTrees).threshold
+    return rejects_surfaces(seen.points.xyz, score > 1, seen.threads)
 
 
 def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -136,9 +167,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
         return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
-    reason = np.zeros(len(points), np.uint8) if parameters.scores else None
-    score = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
-    return Scores(score, reason=reason, scaled=True, method=method.value)
+    return _judge(seen, found, parameters)
 
 
 # What each feature contributes to the log-odds of a point -----------------------------------------
@@ -169,7 +198,7 @@ def contributions(
     if found is not None:
         names = NAMES[found.model][1]
         return Contributions(method.value, names, _of_pattern(found, selected, seen.threads))
-    if method is Method.NEIGHBOURS:
+    if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing)
