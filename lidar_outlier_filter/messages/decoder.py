@@ -36,6 +36,7 @@ from lidar_outlier_filter.messages.cloud import (
     is_empty,
     structured,
 )
+from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -84,6 +85,7 @@ class Decoder:
         self._conventions: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
         self._previous_counter = self._counter
+        self._stamps = self._previous_stamps = StampCheck()
         self._mask = mask_of(parameters)
         self._has_warned_of_steps = False
 
@@ -105,6 +107,7 @@ class Decoder:
 
         """
         self._previous_counter = copy.copy(self._counter)
+        self._previous_stamps = copy.copy(self._stamps)
         view = self.view(msg)
         if view is None:
             return _empty_points(with_sigma=bool(self.parameters.sigma_field))
@@ -120,6 +123,8 @@ class Decoder:
         t = self._time(view, valid, msg.header.stamp, convention)
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
+        if not convention.time_is_absolute and convention.time_field is not None:
+            t = self._in_turn(t, line, valid, msg.header.stamp, convention)
         # The cloud is accepted from here on.
         self._store(view.dtype, convention)
         if not self._has_warned_of_steps:
@@ -144,12 +149,13 @@ class Decoder:
         return view
 
     def undo(self) -> None:
-        """Restore the line counter from before the last cloud, which was refused."""
-        self._counter = self._previous_counter
+        """Restore line counter and stamps from before the last cloud, which was refused."""
+        self._counter, self._stamps = self._previous_counter, self._previous_stamps
 
     def reset(self) -> None:
         """Reset the line counter: the next cloud does not continue the last one."""
         self._counter.reset()
+        self._stamps = StampCheck()
 
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that already has score fields, if scores are to be added."""
@@ -247,6 +253,17 @@ class Decoder:
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
         start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
         return np.asarray(np.where(valid, t + start, 0))
+
+    def _in_turn(
+        self, t: Ints, line: Ints, valid: Bools, stamp: Any, convention: Convention
+    ) -> Ints:
+        """Let sweeps follow each other where their stamps stand still."""
+        start, trusted = _nanoseconds(stamp), not self._stamps.stands_still
+        known = line[valid] if convention.line_source != 'message' else np.zeros(1, np.int64)
+        behind = self._stamps.behind(start, t[valid] - start, known)
+        if trusted and self._stamps.stands_still:
+            self._warn('stamps stand still: each cloud follows the one before, by its own times')
+        return np.asarray(np.where(valid, t + behind, 0)) if behind else t
 
     def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:
         height, width = view.shape
