@@ -30,6 +30,7 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
     in_bands,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, find_pattern
+from lidar_outlier_filter.core.scan_pattern.steady_times import with_steady_times
 
 SAMPLES = 64  # returns of a ring that show its elevation
 # Median deviation of a ring's elevations ÷ angle to the ring beside it. Of real sensors it was 0.12
@@ -102,7 +103,9 @@ def recognise(
     if pattern is None and sensor == 'auto' and draws_curves(turned, order):
         return _find_in_bands(points, threads)
     if pattern is None and spread <= AGREES:
-        pattern = find_pattern(turned, threads, order, spins=claim.spins)
+        steady = with_steady_times(turned, order)
+        by_time = order if steady is turned else order_by_line(steady)
+        pattern = find_pattern(steady, threads, by_time, spins=claim.spins)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
     # the two fits.
     if pattern is None and sensor == 'auto' and (profiles := _find_profiles(points, claim)):
