@@ -13,6 +13,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 
 MIN_OVERLAP = 0.8  # of the span of both messages
 MIN_SHARED_LINES = 0.9  # of the lines of both
+MIN_SWEEP_NS, MAX_SWEEP_NS = SECOND // 100, SECOND  # a turn takes no less, and no more
 COARSEST_NS = SECOND  # that a stamp may be behind: no clock is coarser
 
 
@@ -49,11 +50,12 @@ class StampCheck:
         """Return whether the same lasers measure at the same times as in the last message."""
         first, last, first_before, last_before = t.min(), t.max(), self._t.min(), self._t.max()
         overlap = min(last, last_before) - max(first, first_before)
+        if not MIN_SWEEP_NS <= overlap <= MAX_SWEEP_NS:
+            return False
         lines, before = np.unique(line), np.unique(self._line)
         shared = len(np.intersect1d(lines, before, assume_unique=True))
         return bool(
-            overlap > 0
-            and overlap >= MIN_OVERLAP * max(last - first, last_before - first_before)
+            overlap >= MIN_OVERLAP * max(last - first, last_before - first_before)
             and shared >= MIN_SHARED_LINES * max(len(lines), len(before))
         )
 
