@@ -17,6 +17,7 @@ from lidar_outlier_filter.core.points.line_recovery import Claim
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
 from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
+from lidar_outlier_filter.core.scan_pattern.recognise import rows_are_columns
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -25,6 +26,7 @@ from lidar_outlier_filter.messages.cloud import (
     is_empty,
     structured,
 )
+from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -46,7 +48,7 @@ class Convention:
     @property
     def has_rings(self) -> bool:
         """Whether the scan lines are the sensor's rings."""
-        return self.line_source in {'field', 'row'}
+        return self.line_source in {'field', 'row', 'column'}
 
     def __str__(self) -> str:
         """Describe it for the log."""
@@ -81,6 +83,7 @@ class Decoder:
         self._reports = 0  # of conventions
         self._counter = LineCounter()
         self._previous_counter = self._counter
+        self._stamps = self._previous_stamps = StampCheck()
         self._mask = mask_of(parameters)
         self._has_warned_of_steps = False
 
@@ -102,6 +105,7 @@ class Decoder:
 
         """
         self._previous_counter = copy.copy(self._counter)
+        self._previous_stamps = copy.copy(self._stamps)
         view = self.view(msg)
         if view is None:
             return _empty_points(with_sigma=bool(self.parameters.sigma_field))
@@ -109,7 +113,7 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        convention = self._convention(view, valid)
+        convention = self._convention(view, valid, xyz)
         if convention is None:
             # Without a valid point there is no convention, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
@@ -117,6 +121,8 @@ class Decoder:
         t = self._time(view, valid, msg.header.stamp, convention)
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
+        if not convention.time_is_absolute and convention.time_field is not None:
+            t = self._in_turn(t, line, valid, msg.header.stamp, convention)
         # The cloud is accepted from here on.
         self._store(view.dtype, convention)
         if not self._has_warned_of_steps:
@@ -143,13 +149,14 @@ class Decoder:
         return view
 
     def undo(self) -> None:
-        """Restore the line counter from before the last cloud, which was refused."""
-        self._counter = self._previous_counter
+        """Restore line counter and stamps from before the last cloud, which was refused."""
+        self._counter, self._stamps = self._previous_counter, self._previous_stamps
 
     def reset(self) -> None:
         """Reset the line counter: the next cloud does not continue the last one."""
         self._counter.reset()
         self._clocks.clear()
+        self._stamps = StampCheck()
 
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that already has score fields, if scores are to be added."""
@@ -166,7 +173,7 @@ class Decoder:
                     must_be = 'a float, to become NaN under keep_organized'
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
-    def _convention(self, view: Rows, valid: Bools) -> Convention | None:
+    def _convention(self, view: Rows, valid: Bools, xyz: Floats) -> Convention | None:
         """Return the convention of this layout; None until it has a valid point."""
         found = self._conventions.get(view.dtype)
         is_final = found is not None and found.is_final
@@ -174,7 +181,7 @@ class Decoder:
             return self._noting_counter(found, view, valid)
         if not valid.any():
             return None
-        new = self._detect(view, valid)
+        new = self._detect(view, valid, xyz)
         if found is None or not is_final or new.time_unit != found.time_unit:
             return self._noting_counter(new, view, valid)
         return replace(found, unit_is_known=new.unit_is_known)
@@ -216,7 +223,7 @@ class Decoder:
             self._has_warned_of_steps = True
             self._warn(warning)
 
-    def _detect(self, view: Rows, valid: Bools) -> Convention:
+    def _detect(self, view: Rows, valid: Bools, xyz: Floats) -> Convention:
         parameters = self.parameters
         names = ', '.join(view.dtype.names or ())
         warnings, is_final, is_known = [], True, True
@@ -249,8 +256,12 @@ class Decoder:
             raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
-            if source == 'row':
-                warnings.append('no line field: each row is a scan line (line_source)')
+            if source == 'row' and rows_are_columns(
+                xyz.reshape(*view.shape, 3), valid.reshape(view.shape)
+            ):
+                source = 'column'
+            if source in {'row', 'column'}:
+                warnings.append(f'no line field: each {source} is a scan line (line_source)')
         warning, claim = '; '.join(warnings), self._claim(source, line_field, time_field)
         found = Convention(
             time_field, unit, absolute, source, line_field, warning, is_final, is_known, claim
@@ -264,16 +275,23 @@ class Decoder:
         parameters = self.parameters
         if time_field is None or parameters.line_source == 'message' or parameters.angle_field:
             return None
-        names = {'row': 'the row', 'message': 'the message', 'angle': 'the scan angle'}
+        names = {
+            'row': 'the row',
+            'column': 'the column',
+            'message': 'the message',
+            'angle': 'the scan angle',
+        }
         return Claim(source, names.get(source, f'field {line_field!r}'))
 
     def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:
-            # All rows of one column of an organised cloud have the same time.
+            # All lines of an organised cloud are measured at once.
             height, width = view.shape
-            column = np.tile(np.arange(width), height)
-            step = height * SECOND / self.parameters.points_per_second
-            offset: Ints = np.rint(column * step).astype(np.int64)
+            rings, shot = height, np.tile(np.arange(width), height)
+            if convention.line_source == 'column':
+                rings, shot = width, np.repeat(np.arange(height), width)
+            step = rings * SECOND / self.parameters.points_per_second
+            offset: Ints = np.rint(shot * step).astype(np.int64)
             return offset + _nanoseconds(stamp)
         values = columns.unwrapped(_column(view, convention.time_field), valid)
         t = columns.to_nanoseconds(values, valid, convention.time_unit)
@@ -285,6 +303,17 @@ class Decoder:
             start = clock.start(int(t[valid.argmax()]), sent, is_absolute=is_absolute)
         return np.asarray(np.where(valid, t + start, 0))
 
+    def _in_turn(
+        self, t: Ints, line: Ints, valid: Bools, stamp: Any, convention: Convention
+    ) -> Ints:
+        """Let sweeps follow each other where their stamps stand still."""
+        start, trusted = _nanoseconds(stamp), not self._stamps.stands_still
+        known = line[valid] if convention.line_source != 'message' else np.zeros(1, np.int64)
+        behind = self._stamps.behind(start, t[valid] - start, known)
+        if trusted and self._stamps.stands_still:
+            self._warn('stamps stand still: each cloud follows the one before, by its own times')
+        return np.asarray(np.where(valid, t + behind, 0)) if behind else t
+
     def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:
         height, width = view.shape
         if convention.line_source == 'field':
@@ -292,6 +321,8 @@ class Decoder:
             return columns.whole_numbers(_column(view, name), valid, f'field {name!r}')
         if convention.line_source == 'row':
             return np.repeat(np.arange(height), width)
+        if convention.line_source == 'column':
+            return np.tile(np.arange(width), height)
         if convention.line_source == 'message':
             return self._counter.next_line(view.size)
         return self._counter.by_angle(self._angle(view, xyz), valid)

@@ -323,7 +323,8 @@ class Pipeline:
         statistics.without_pose = self._queue.without_pose
         statistics.passes = max(statistics.passes, chain.passes)
         for method in chain.methods.keys() - statistics.methods.keys():
-            self._inform(f'judged by {method}')
+            say = self._warn if ', because ' in method else self._inform
+            say(f'judged by {method}')
         statistics.methods.update(chain.methods)
         chain.methods.clear()
         return finished

@@ -33,6 +33,7 @@ class DetectorInput:
     gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
     whole : whether they are a whole cloud, not part of a stream
     allocate : returns large arrays, in memory or in files
+    kept : what detectors keep from one block of a stream to the next
 
     """
 
@@ -45,12 +46,14 @@ class DetectorInput:
         *,
         whole: bool = False,
         allocate: Allocate = np.empty,
+        kept: dict[Hashable, Any] | None = None,
     ) -> None:
         """Take points; ``neighbours`` is the most that a detector will ask for, at least 1."""
         self.points = points
         self.threads = parameters.threads
         self.gap_factor = parameters.gap_factor
         self.whole, self.allocate = whole, allocate
+        self.kept: dict[Hashable, Any] = {} if kept is None else kept
         self._parameters, self._neighbours = parameters, neighbours
         self._neighbourhood = neighbourhood
         self._known: dict[Hashable, Any] = {}
@@ -86,6 +89,7 @@ class DetectorInput:
             known,
             whole=self.whole,
             allocate=self.allocate,
+            kept=self.kept,
         )
 
     def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:

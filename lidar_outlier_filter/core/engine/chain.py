@@ -3,7 +3,8 @@
 """The chain: detectors in their order, each on what the earlier ones left, or all on everything."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class Chain:
         # Blocks by how a detector judged, where it can choose.
         self.methods: Counter[str] = Counter()
         self.see: Callable[..., DetectorInput] = DetectorInput
+        self.kept: dict[Hashable, Any] = {}  # by detectors, from one block to the next
         self.tile = 0.0  # side, metres, of the tiles of detectors that judge in tiles; 0: none does
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
@@ -59,7 +61,7 @@ class Chain:
         parameters = self.parameters
         verdict = Verdict.untested(len(points))
         where = np.arange(len(points))
-        seen = self.see(points, parameters, self.neighbours, whole=self.whole)
+        seen = self.see(points, parameters, self.neighbours, whole=self.whole, kept=self.kept)
         for detector in self._detectors:
             with watched(detector.name, parameters.max_delay, seen.points, self.slow):
                 found = self._score(detector, seen)

@@ -78,11 +78,14 @@ def find_own_frame(points: Points, order: Ints | None = None) -> Points | None:
     elapsed = np.diff(t)
     step = abs(rate) * float(np.median(elapsed[elapsed > 0])) / SECOND  # of the head, rad
     when = (points.t - start) / SECOND
-    moments = np.linspace(0.0, seconds, int(np.ceil(seconds / MOMENT_S)) + 1)
-    near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
-    some = _Some(points.xyz[rows] - guess, near, rate * when[rows])
-    position, turn, off = _find(some)
-    if not off <= MAX_OFF_STEPS * step:
+    # Where many moments leave too much open, an even motion may still do.
+    for count in sorted({int(np.ceil(seconds / MOMENT_S)) + 1, 2}, reverse=True):
+        moments = np.linspace(0.0, seconds, count)
+        near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
+        position, turn, off = _find(_Some(points.xyz[rows] - guess, near, rate * when[rows]))
+        if off <= MAX_OFF_STEPS * step:
+            break
+    else:
         return None
     own, away = np.empty_like(points.xyz), (points.xyz - guess).T
     for axis in range(3):

@@ -114,33 +114,58 @@ MIN_NEAR_SHARE = 0.85
 AS_GOOD = 0.002  # less than the best share: the smoother histogram counts
 
 
-def recover_rings(xyz: Floats) -> Ints | None:
-    """Find the rings of one turn of a spinning sensor.
+class Rings(NamedTuple):
+    """Where beams leave, and the elevations of the rings, rad, ascending."""
+
+    origin: Origin
+    elevation: Floats
+
+    def number(self, xyz: Floats) -> Ints:
+        """Return the nearest ring (N,) of each point (N, 3); 0 is the lowest."""
+        between = (self.elevation[1:] + self.elevation[:-1]) / 2.0
+        return np.searchsorted(between, elevations(*_flat(xyz), self.origin)).astype(np.int64)
+
+    def fit(self, xyz: Floats) -> bool:
+        """Return whether points (N, 3) lie on these rings, by a sample of them."""
+        some = xyz[:: max(1, len(xyz) // FINE_POINTS)]
+        if len(some) < MIN_RINGS * MIN_RING_RETURNS:
+            return False
+        flat, z = _flat(some)
+        elevation = elevations(flat, z, self.origin)
+        far = is_far(elevation, np.sqrt(flat * flat + z * z))
+        return _share_near(elevation[far], self.elevation) >= MIN_NEAR_SHARE
+
+
+def find_rings(xyz: Floats) -> Rings | None:
+    """Find the rings of one turn of a spinning sensor; None if there are none.
 
     Parameters
     ----------
     xyz : (N, 3) float64
         Metres, finite, in the sensor's own frame, in any order.
 
-    Returns
-    -------
-    (N,) int64 or None
-        The ring of each point; 0 is the lowest. None if no rings are found.
-
     """
     if not MIN_RINGS * MIN_RING_RETURNS <= len(xyz) <= MAX_TURN_POINTS:
         return None
-    flat, z = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2), np.ascontiguousarray(xyz[:, 2])
+    flat, z = _flat(xyz)
     order = np.lexsort((flat, z))
     ordered = flat[order], z[order]
     if _span(elevations(*ordered, Origin(0.0, 0.0))) < MIN_SPAN_RAD:
         return None
     origin = find_origin(*ordered)
     rings = find_elevations(*ordered, origin)
-    if rings is None:
-        return None
-    between = (rings[1:] + rings[:-1]) / 2.0
-    return np.searchsorted(between, elevations(flat, z, origin)).astype(np.int64)
+    return None if rings is None else Rings(origin, rings)
+
+
+def recover_rings(xyz: Floats) -> Ints | None:
+    """Return the ring (N,) of each point of one turn, see :func:`find_rings`; None without."""
+    rings = find_rings(xyz)
+    return None if rings is None else rings.number(xyz)
+
+
+def _flat(xyz: Floats) -> tuple[Floats, Floats]:
+    """Return distances from the axis, and heights, metres."""
+    return np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2), np.ascontiguousarray(xyz[:, 2])
 
 
 MIN_ROW_RAD = 1.0  # rad that a row turns; flight lines of a map, far from its origin, turn less

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods of the default detector, the choice between them, and explanations of scores."""
 
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Ints, Singles
+from lidar_outlier_filter.core.annotations import Bools, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
@@ -31,22 +30,15 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.declaration import Contributions, ReasonName
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.plausible import rejects_surfaces
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.scan_lines import has_lines, order_by_line
-from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, spread
-from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
-    as_turn,
-    draws_curves,
-    find_rows,
-    in_bands,
-)
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
+from lidar_outlier_filter.core.points.scan_lines import has_lines
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
+from lidar_outlier_filter.core.scan_pattern.recognise import Kept, Kind, recognise
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
@@ -60,70 +52,38 @@ class Method(Enum):
 
     PATTERN = 'trees on the scan pattern'
     NEIGHBOURS = 'trees on the neighbours of each point'
+    IMPLAUSIBLE = (
+        'trees on the neighbours of each point, because on the scan pattern surfaces were rejected'
+    )
     UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
 
 
-METHODS = {Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS}
+METHODS = {
+    Method.PATTERN.value: _PATTERN,
+    Method.NEIGHBOURS.value: _NEIGHBOURS,
+    Method.IMPLAUSIBLE.value: _NEIGHBOURS,
+}
 
 
-def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
-    """Find the scan pattern of points; None if there is no pattern for the trees.
-
-    Parameters
-    ----------
-    points : valid ones
-    sensor : 'spinning', 'profile', 'free' (a scanner without rings), or 'auto' (any of them)
-    threads : maximum number of threads; 0: all cores
-
-    """
-    if sensor == 'free':
-        return _find_in_bands(points, threads)
-    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
-    # the two fits. The own frame of points that may have been moved is sought after both, as it
-    # takes long.
-    recovered = points.ring is not None
-    # Azimuths are known in the sensor's own frame only.
-    turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
-    order = order_by_line(turned)
-    if sensor == 'auto' and draws_curves(turned, order):
-        return _find_in_bands(points, threads)
-    if sensor != 'profile':
-        pattern = find_pattern(turned, threads, order, spins=spins)
-        if pattern is not None:
-            return FoundPattern(pattern, PATTERN_MODEL)
-    if sensor != 'spinning':
-        pattern = find_profile_pattern(points, threads, None if recovered else order)
-        if pattern is not None:
-            return FoundPattern(pattern, PROFILE_MODEL)
-    if sensor == 'profile':
-        return None
-    pattern = None
-    if points.own is None and not recovered:
-        moved = find_own_frame(points, order)
-        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads, order)
-    if pattern is None:
-        pattern = _find_in_rows(turned, order, spins, threads)
-    return None if pattern is None else FoundPattern(pattern, PATTERN_MODEL)
+MODELS = {
+    Kind.SPINNING: PATTERN_MODEL,
+    Kind.PROFILE: PROFILE_MODEL,
+    Kind.FREE: FREE_MODEL,
+}
 
 
-def _find_in_bands(points: Points, threads: int) -> FoundPattern | None:
-    pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-    return None if pattern is None else FoundPattern(pattern, FREE_MODEL)
-
-
-def _find_in_rows(points: Points, order: Ints, spins: bool, threads: int) -> Pattern | None:
-    """Find the scan pattern of rows of a range image, with times of columns or without times."""
-    pattern = find_pattern(points, threads, order, spins=spins, in_rows=True)
-    if pattern is not None or points.ring is not None:
-        return pattern
-    rows = find_rows(points, order)
-    turned = None if rows is None else as_turn(replace(points, ring=rows))
-    return None if turned is None else find_pattern(turned, threads, spins=True)
+def find_either(
+    points: Points, sensor: str, threads: int = 0, kept: Kept | None = None
+) -> FoundPattern | None:
+    """Find the scan pattern of valid points, see :func:`.recognise`, and its model."""
+    found = recognise(points, sensor, threads, kept)
+    return None if found is None else FoundPattern(found.pattern, MODELS[found.kind])
 
 
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
+    Where trees on the scan pattern reject surfaces, it is not what it seemed, and neighbours judge.
     Without a scan pattern, a point needs neighbours on other scan lines: unless ``sensor`` is
     ``survey``, the points of a block with a single line stay untested.
     """
@@ -131,12 +91,37 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     is_lined = has_lines(points) or points.ring is not None
     if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
         return Method.NEIGHBOURS, None
-    found = seen.cached(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
+    kept = seen.kept.setdefault('pattern', Kept())
+    found = seen.cached(
+        ('pattern', sensor), lambda: find_either(points, sensor, seen.threads, kept)
+    )
     if found is not None:
+        if _rejects_surfaces(seen, found, parameters):
+            return Method.IMPLAUSIBLE, None
         return Method.PATTERN, found
     if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
         return Method.NEIGHBOURS, None
     return Method.UNTESTED, None
+
+
+def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameters) -> Scores:
+    """Score points by the trees on their scan pattern, once."""
+    threshold = parameters.of(BoostedTrees).threshold
+
+    def score() -> Scores:
+        reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
+        scores = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
+        return Scores(scores, reason=reason, scaled=True, method=Method.PATTERN.value)
+
+    return seen.cached(('by pattern', threshold, parameters.scores), score)
+
+
+def _rejects_surfaces(
+    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters
+) -> bool:
+    """Return whether trees on the scan pattern reject surfaces, whatever the threshold."""
+    score = _judge(seen, found, parameters).score * parameters.of(BoostedTrees).threshold
+    return rejects_surfaces(seen.points.xyz, score > 1, seen.threads)
 
 
 def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -182,9 +167,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
         return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
-    reason = np.zeros(len(points), np.uint8) if parameters.scores else None
-    score = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
-    return Scores(score, reason=reason, scaled=True, method=method.value)
+    return _judge(seen, found, parameters)
 
 
 # What each feature contributes to the log-odds of a point -----------------------------------------
@@ -215,7 +198,7 @@ def contributions(
     if found is not None:
         names = NAMES[found.model][1]
         return Contributions(method.value, names, _of_pattern(found, selected, seen.threads))
-    if method is Method.NEIGHBOURS:
+    if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing)

@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the points are: a spinning sensor, a scanner of profiles, one without rings, or neither.
+
+What a cloud claims, its rings, times and frame, is believed where geometry agrees: seen from where
+its beams leave, all returns of a ring have one elevation. Where it disagrees, the sensor's own
+frame and its rings are sought, and the first reading that agrees is taken.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    MAX_RINGS,
+    MIN_RINGS,
+    Rings,
+    as_turn,
+    draws_curves,
+    find_rings,
+    find_rows,
+    in_bands,
+)
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, find_pattern
+from lidar_outlier_filter.core.scan_pattern.steady_times import with_steady_times
+
+SAMPLES = 64  # returns of a ring that show its elevation
+# Median deviation of a ring's elevations ÷ angle to the ring beside it. Of real sensors it was 0.12
+# and less, as lenses sit beside the axis; of the same rings seen from elsewhere 0.8 and more.
+AGREES, DISAGREES = 0.25, 2.0  # between: motion within a turn, or a frame a few metres away
+MIN_RING_DEGREES = 15  # of azimuth, in which a typical ring has returns
+MIN_GRID_RETURNS = 4  # of a row or column that shows an elevation
+MAX_MISSES = 3  # blocks without rings, after which a stream has none
+MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
+
+
+class Kind(Enum):
+    """What the points are, in words for users."""
+
+    SPINNING = 'a spinning sensor'
+    PROFILE = 'a scanner of profiles'
+    FREE = 'a scanner without rings'
+
+
+class Recognised(NamedTuple):
+    """A scan pattern, and what of."""
+
+    kind: Kind
+    pattern: Pattern
+
+
+@dataclass
+class Kept:
+    """What earlier blocks of a stream have shown, so that it is not sought anew in each."""
+
+    rings: Rings | None = None
+    misses: int = 0  # blocks without rings, one after the other
+
+    def find_rings(self, xyz: Floats) -> Rings | None:
+        """Return the rings of points (N, 3): known ones if they fit; None if there are none."""
+        if self.rings is not None and self.rings.fit(xyz):
+            return self.rings
+        if self.misses >= MAX_MISSES:
+            return None
+        rings = find_rings(xyz)
+        self.misses = 0 if rings is not None else self.misses + 1
+        self.rings = self.rings if rings is None else rings
+        return rings
+
+
+def recognise(
+    points: Points, sensor: str, threads: int = 0, kept: Kept | None = None
+) -> Recognised | None:
+    """Find the scan pattern of points; None if they have none.
+
+    Parameters
+    ----------
+    points : valid ones
+    sensor : 'spinning', 'profile', 'free' (a scanner without rings), or 'auto' (any of them)
+    threads : maximum number of threads; 0: all cores
+    kept : what earlier blocks of the stream have shown
+
+    """
+    if sensor == 'free':
+        return _find_in_bands(points, threads)
+    # Azimuths are known in the sensor's own frame only.
+    turned, kept = as_turn(points).in_own_frame, Kept() if kept is None else kept
+    order = order_by_line(turned)
+    claim = _Claim(turned, order, points.ring is not None or sensor == 'spinning', threads)
+    if sensor == 'profile':
+        return _find_profiles(points, claim)
+    spread = ring_spread(turned, order, spins=claim.spins)
+    has_rings = len(line_starts(turned.line[order])) > MIN_RINGS
+    pattern = None if has_rings else _find_in_rings(turned, kept, threads)
+    if pattern is None and sensor == 'auto' and draws_curves(turned, order):
+        return _find_in_bands(points, threads)
+    if pattern is None and spread <= AGREES:
+        steady = with_steady_times(turned, order)
+        by_time = order if steady is turned else order_by_line(steady)
+        pattern = find_pattern(steady, threads, by_time, spins=claim.spins)
+    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
+    # the two fits.
+    if pattern is None and sensor == 'auto' and (profiles := _find_profiles(points, claim)):
+        return profiles
+    if pattern is None:
+        pattern = _find_otherwise(claim, spread, kept)
+    return None if pattern is None else Recognised(Kind.SPINNING, pattern)
+
+
+class _Claim(NamedTuple):
+    """Points as they come: seen from the origin of their frame, by their own lines and times."""
+
+    points: Points
+    order: Ints
+    spins: bool  # whether lines are known to be rings
+    threads: int
+
+
+def _find_profiles(points: Points, claim: _Claim) -> Recognised | None:
+    order = claim.order if points.ring is None else None
+    pattern = find_profile_pattern(points, claim.threads, order)
+    return None if pattern is None else Recognised(Kind.PROFILE, pattern)
+
+
+def _find_in_bands(points: Points, threads: int) -> Recognised | None:
+    pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
+    return None if pattern is None else Recognised(Kind.FREE, pattern)
+
+
+def _find_otherwise(claim: _Claim, spread: float, kept: Kept) -> Pattern | None:
+    """Find the pattern of a spinning sensor in another frame, or without its rings or times."""
+    points, order, spins, threads = claim
+    pattern, is_recovered = None, points.ring is not None
+    # The own frame of points that may have been moved takes long.
+    if not is_recovered:
+        moved = find_own_frame(points, order)
+        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads, order)
+    if pattern is None and spread <= DISAGREES:
+        pattern = find_pattern(points, threads, order, spins=spins, in_rows=spread <= AGREES)
+        if pattern is not None or is_recovered:
+            return pattern
+    if pattern is None:
+        pattern = _find_in_rings(points, kept, threads)
+    rows = find_rows(points, order) if pattern is None else None
+    if rows is None:
+        return pattern
+    return find_pattern(as_turn(replace(points, ring=rows)), threads, spins=True)
+
+
+def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
+    """Find the pattern of rings that elevations show, with their own times if they agree."""
+    rings = kept.find_rings(points.xyz)
+    if rings is None:
+        return None
+    ring = rings.number(points.xyz)
+    turned = as_turn(replace(points, ring=ring))
+    # A mirror that turns upright has elevations, too, each at two azimuths.
+    degrees = len(np.unique(ring * 360 + turned.t * 360 // SECOND))
+    if degrees < MIN_RING_DEGREES * len(rings.elevation):
+        return None
+    pattern = find_pattern(replace(points, line=ring), threads)
+    return find_pattern(turned, threads, spins=True) if pattern is None else pattern
+
+
+def rows_are_columns(xyz: Floats, valid: Bools) -> bool:
+    """Return whether the rows of an organised cloud are columns of a sweep, so its columns rings.
+
+    Returns of a ring have one elevation, seen from the sensor. Where they have none in rows nor in
+    columns, as in another frame, there are more shots in a turn than rings in a sensor.
+
+    Parameters
+    ----------
+    xyz : (height, width, 3) float64
+        Metres.
+    valid : (height, width) bool
+
+    """
+    height, width = valid.shape
+    if min(height, width) < MIN_RINGS:
+        return False
+    sine = _sines(np.where(valid[..., None], xyz, np.nan))
+    as_rows, as_columns = _grid_spread(sine), _grid_spread(sine.T)
+    if min(as_rows, as_columns) > AGREES:
+        return height > MAX_RINGS >= width
+    return as_columns < as_rows
+
+
+def _grid_spread(sine: Floats) -> float:
+    """Return what :func:`ring_spread` does, of lines (L, M) with NaN where there is no return."""
+    count = np.isfinite(sine).sum(axis=1)
+    some = sine[count >= MIN_GRID_RETURNS]
+    return np.inf if len(some) < MIN_RINGS else _spread(some)
+
+
+def _sines(xyz: Floats) -> Floats:
+    """Return sines of elevations (...) of points (..., 3); 0 at the origin."""
+    distance = np.sqrt((xyz**2).sum(axis=-1))
+    sines: Floats = np.divide(
+        xyz[..., 2], distance, out=np.zeros_like(distance), where=distance != 0
+    )
+    return sines
+
+
+def _spread(sine: Floats) -> float:
+    """Return how far sines (L, M) are off the median of their line ÷ how far the next line is."""
+    middle = np.nanmedian(sine, axis=1)
+    gap = float(np.median(np.diff(np.sort(middle))))
+    off = np.nanmedian(np.abs(sine - middle[:, None]), axis=1)
+    return np.inf if gap < MIN_RING_GAP_RAD else float(np.median(off)) / gap
+
+
+def ring_spread(points: Points, order: Ints, *, spins: bool = False) -> float:
+    """Return how far returns are off the elevation of their ring ÷ how far the next ring is.
+
+    Parameters
+    ----------
+    points : valid ones, seen from the origin
+    order : that of :func:`.order_by_line`
+    spins : whether lines are known to be rings
+
+    Returns
+    -------
+    float
+        0 of a single ring; inf of lines that are measured one after the other, and of rings without
+        any angle between them.
+
+    """
+    if not len(order):
+        return np.inf
+    first = line_starts(points.line[order])
+    if not spins and not is_interleaved(points.t[order], first):
+        return np.inf
+    count = np.diff(first)
+    full = np.flatnonzero(count >= MIN_RING_RETURNS)
+    if len(full) <= 1:
+        return 0.0
+    some = order[first[full, None] + np.arange(SAMPLES) * count[full, None] // SAMPLES]
+    return _spread(_sines(points.xyz[some]))

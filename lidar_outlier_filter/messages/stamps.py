@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps that stand still, at 0 or in whole seconds, while the times of each sweep begin anew.
+
+A laser cannot measure twice at one time. So messages of one stamp, in which all lasers measure from
+the same time to the same time, are sweeps one after the other, in their order of arrival.
+"""
+
+import numpy as np
+
+from lidar_outlier_filter.core.annotations import Ints
+from lidar_outlier_filter.core.points.points import SECOND
+
+MIN_OVERLAP = 0.8  # of the span of both messages
+MIN_SHARED_LINES = 0.9  # of the lines of both
+MIN_SWEEP_NS, MAX_SWEEP_NS = SECOND // 100, SECOND  # a turn takes no less, and no more
+COARSEST_NS = SECOND  # that a stamp may be behind: no clock is coarser
+
+
+class StampCheck:
+    """Finds by how much the stamps of one topic are behind."""
+
+    def __init__(self) -> None:
+        """Trust stamps until one stands still."""
+        self.stands_still = False
+        self._stamp: int | None = None
+        self._start = 0  # of the last message, nanoseconds
+        self._t = self._line = np.empty(0, np.int64)  # its times from its stamp, and lines
+
+    def behind(self, stamp: int, t: Ints, line: Ints) -> int:
+        """Return what to add to the times of the next message, nanoseconds.
+
+        Parameters
+        ----------
+        stamp : of its header, nanoseconds
+        t, line : (N,) of its valid points: nanoseconds from the stamp, and line
+
+        """
+        if not len(t):
+            return 0
+        if not self.stands_still:
+            self.stands_still = stamp == self._stamp and self._repeats(t, line)
+        behind = max(self._start + _turn(self._t) - stamp, 0) if self.stands_still else 0
+        if behind > COARSEST_NS and stamp != self._stamp:  # the clock was set back
+            self.stands_still, behind = False, 0
+        self._stamp, self._start, self._t, self._line = stamp, stamp + behind, t, line
+        return behind
+
+    def _repeats(self, t: Ints, line: Ints) -> bool:
+        """Return whether the same lasers measure at the same times as in the last message."""
+        first, last, first_before, last_before = t.min(), t.max(), self._t.min(), self._t.max()
+        overlap = min(last, last_before) - max(first, first_before)
+        if not MIN_SWEEP_NS <= overlap <= MAX_SWEEP_NS:
+            return False
+        lines, before = np.unique(line), np.unique(self._line)
+        shared = len(np.intersect1d(lines, before, assume_unique=True))
+        return bool(
+            overlap >= MIN_OVERLAP * max(last - first, last_before - first_before)
+            and shared >= MIN_SHARED_LINES * max(len(lines), len(before))
+        )
+
+
+def _turn(t: Ints) -> int:
+    """Return how long after a message the next one begins: its span, and a step more."""
+    times = np.unique(t)
+    return int(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0
