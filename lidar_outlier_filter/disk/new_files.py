@@ -89,11 +89,10 @@ def _take(lock: IO[bytes]) -> None:
 
 
 def _remove_if_left(folder: Path) -> None:
-    """Remove a folder that no run holds."""
-    if folder.name.endswith(_GONE):
-        shutil.rmtree(folder, ignore_errors=True)
-        return
-    with suppress(OSError), (folder / LOCK).open('ab') as lock:
+    """Remove a folder that a killed run left, which its lock shows; one of somebody else stays."""
+    with suppress(OSError):
+        folder.rmdir()  # a run was killed, or is about to make its lock, and makes another folder
+    with suppress(OSError), (folder / LOCK).open('r+b') as lock:
         _take(lock)
         _remove(folder)
 
@@ -101,13 +100,19 @@ def _remove_if_left(folder: Path) -> None:
 def _remove(folder: Path) -> None:
     """Remove a folder into which a worker may still write.
 
-    It is renamed first: a worker that writes into it by its name finds it gone. And if this run is
-    killed meanwhile, the next one knows by the name that the folder is obsolete.
+    It is renamed first: a worker that writes into it by its name finds it gone. The lock goes last:
+    if this run is killed meanwhile, the next one knows by it whose the folder is.
     """
-    gone = folder.with_name(f'{folder.name}{_GONE}')
+    gone = folder if folder.name.endswith(_GONE) else folder.with_name(f'{folder.name}{_GONE}')
     with suppress(OSError):
         folder.rename(gone)
     for name in (gone, folder):
+        with suppress(OSError):
+            for one in sorted(name.iterdir(), key=lambda path: path.name == LOCK):
+                if one.is_dir() and not one.is_symlink():
+                    shutil.rmtree(one, ignore_errors=True)
+                else:
+                    one.unlink(missing_ok=True)
         shutil.rmtree(name, ignore_errors=True)
 
 

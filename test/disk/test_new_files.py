@@ -244,26 +244,50 @@ print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
 
 
 def test_what_is_left_is_removed(tmp_path: Path) -> None:
-    """A folder whose lock is free, or missing, was left by a killed run; one that is held stays."""
+    """A folder whose lock is free was left by a killed run; one that is held stays.
+
+    So does one without a lock, which no run made, whatever its name.
+    """
     output = tmp_path / 'out.las'
-    for name in ('free', 'held', 'files', 'empty', 'x-gone'):
+    for name in ('free', 'held', 'mine', 'empty', 'free-gone', 'mine-gone'):
         (tmp_path / f'.out.las.partial-{name}').mkdir()
     (tmp_path / '.out.las.partial-link').symlink_to(tmp_path)
     (tmp_path / '.other.las.partial-free').mkdir()
-    for name in ('files', 'x-gone'):
+    for name in ('free', 'mine', 'free-gone', 'mine-gone'):
+        (tmp_path / f'.out.las.partial-{name}' / 'below').mkdir()
         (tmp_path / f'.out.las.partial-{name}' / 'out.las').touch()
-    for name in ('free', 'held'):
+    for name in ('free', 'held', 'free-gone'):
         (tmp_path / f'.out.las.partial-{name}' / LOCK).touch()
     with (tmp_path / '.out.las.partial-held' / LOCK).open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with hidden_folder(output) as folder, hidden_folder(output) as other:
             assert folder != other
             assert folder.is_dir()
-    kept = (
+    kept = ('held', 'link', 'mine', 'mine-gone')
+    assert {path.name for path in tmp_path.iterdir()} == {
         '.other.las.partial-free',
-        *(f'.out.las.partial-{name}' for name in ('held', 'link')),
-    )
-    assert {path.name for path in tmp_path.iterdir()} == set(kept)
+        *(f'.out.las.partial-{name}' for name in kept),
+    }
+    for name in ('mine', 'mine-gone'):
+        found = sorted(path.name for path in (tmp_path / f'.out.las.partial-{name}').iterdir())
+        assert found == ['below', 'out.las']
+
+
+def test_a_removal_that_is_killed_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lock is the last file that goes, so the next run knows whose the rest is."""
+    original, removed = os.unlink, list[str]()
+
+    def unlink(path: Any, *arguments: Any, **options: Any) -> None:
+        removed.append(os.path.basename(path))
+        original(path, *arguments, **options)
+
+    monkeypatch.setattr(os, 'unlink', unlink)
+    with hidden_folder(tmp_path / 'out') as folder:
+        for name in ('.a', 'z'):
+            (folder / name).touch()
+    assert removed[-1] == LOCK
 
 
 @pytest.mark.parametrize('moment', ['mkdtemp', '_take', 'before _take'])
