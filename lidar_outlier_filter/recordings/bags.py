@@ -83,8 +83,9 @@ class Recording:
                 check_metadata(self.path)
                 reader = stack.enter_context(Reader2(self.path))
                 _check_index(reader, self._largest)
-                self._channels = ros2_channels(reader.connections)
                 self.message_count = sum(one.msgcount for one in reader.connections)
+                _connect_as_stored(reader)
+                self._channels = ros2_channels(reader.connections)
                 self.custom_data = texts_by_name(reader.storage.metadata.custom or {})
             self._reader = reader
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
@@ -203,6 +204,28 @@ def _check_index(reader: Reader2, largest: int) -> None:
         if not _is_complete(part):
             must_be = 'with an index that names all of its messages'
             raise RecordingError(f'{part.path}', must_be, 'one that does not')
+
+
+def _connect_as_stored(reader: Reader2) -> None:
+    """Describe the connections of a bag folder as its files do, and by ``metadata.yaml`` the rest.
+
+    rosbags silently skips the messages of connections whose QoS or hash these say differently.
+    """
+    storage: Any = reader.storage
+    if not hasattr(storage, 'storages'):
+        return
+    found: list[Connection] = []
+    for said in storage.connections:
+        stored = [
+            said._replace(digest=one.digest or said.digest, ext=one.ext)
+            for part in storage.storages
+            for one in part.connections
+            if (one.topic, one.msgtype) == (said.topic, said.msgtype)
+        ]
+        if not any(one.ext.offered_qos_profiles for one in stored):
+            stored.append(said)
+        found += [one for number, one in enumerate(stored) if one not in stored[:number]]
+    storage.connections[:] = [one._replace(id=number) for number, one in enumerate(found, 1)]
 
 
 def _is_complete(part: McapReader) -> bool:

@@ -98,6 +98,30 @@ def copy(source: Path, target: Path) -> Path:
     return target
 
 
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+@pytest.mark.parametrize(
+    ('qos', 'digest'),
+    [([], ''), ('of another', 'RIHS01_' + 'cd' * 32), ([], 'RIHS01_' + 'cd' * 32)],
+)
+def test_metadata_that_says_another_qos(
+    tmp_path: Path, plugin: StoragePlugin, qos: Any, digest: str
+) -> None:
+    """Where metadata.yaml says another QoS or hash than the files, all is read as the files say."""
+    source = write_bag(tmp_path / 'source', plugin)
+    path = source / 'metadata.yaml'
+    data = yaml.safe_load(path.read_text())
+    topics = data['rosbag2_bagfile_information']['topics_with_message_count']
+    other = topics[0]['topic_metadata']['offered_qos_profiles'] if qos else []
+    for one in topics:
+        one['topic_metadata'] |= {'offered_qos_profiles': other, 'type_description_hash': digest}
+    path.write_text(yaml.safe_dump(data))
+    with Recording(source) as recording:
+        assert recording.message_count == len(MESSAGES)
+        assert len(list(recording.messages())) == len(MESSAGES)
+        assert [topic.name for topic in recording.topics] == [topic.name for topic in TOPICS]
+        assert [topic.qos for topic in recording.topics[:2]] == [t.qos for t in TOPICS[:2]]
+
+
 def described(connections: list[Connection]) -> list[tuple[object, ...]]:
     """Return everything of the connections that does not depend on the file."""
     return [(c.topic, c.msgtype, c.msgdef, c.digest, c.msgcount, c.ext) for c in connections]
