@@ -17,7 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from lidar_outlier_filter.disk.new_files import FOLDER, new_files
-from lidar_outlier_filter.disk.sqlite_pages import damage_of
+from lidar_outlier_filter.disk.sqlite_pages import damage_of, open_logs
 from lidar_outlier_filter.errors import RecordingError, quote_error, refusing
 from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
@@ -158,8 +158,7 @@ def _check_databases(path: RecordingPath) -> None:
             continue
         if not isinstance(file, Path):
             raise RecordingError(f'the database {file}', 'copied to this machine', 'a store')
-        log = file.with_name(f'{file.name}-wal')
-        if log.is_file() and log.stat().st_size:
+        for log in open_logs(file):
             what, got = f'the recording {path}', f'messages in {log.name}'
             raise RecordingError(what, 'closed by its recorder', got)
         if wrong := damage_of(file):

@@ -280,7 +280,7 @@ def test_a_removal_that_is_killed_is_finished(
     original, removed = os.unlink, list[str]()
 
     def unlink(path: Any, *arguments: Any, **options: Any) -> None:
-        removed.append(os.path.basename(path))
+        removed.append(Path(path).name)
         original(path, *arguments, **options)
 
     monkeypatch.setattr(os, 'unlink', unlink)

@@ -4,6 +4,7 @@
 
 import sqlite3
 from dataclasses import astuple, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -325,12 +326,14 @@ def read_all(path: Path) -> int:
 def test_log_of_a_database(tmp_path: Path) -> None:
     """Messages in the log beside a database would be lost: refused; an empty log loses nothing."""
     source = write_bag(tmp_path / 'source', StoragePlugin.SQLITE3)
-    for path in (source, source / 'source.db3'):
-        (source / 'source.db3-wal').write_bytes(b'')
+    for path, ending in product((source, source / 'source.db3'), ('wal', 'journal')):
+        log = source / f'source.db3-{ending}'
+        log.write_bytes(b'')
         assert read_all(path) == len(MESSAGES)
-        (source / 'source.db3-wal').write_bytes(b'messages')
-        with pytest.raises(RecordingError, match='must be closed by its recorder'):
+        log.write_bytes(b'messages')
+        with pytest.raises(RecordingError, match=f'closed by its recorder, got .*-{ending}'):
             read_all(path)
+        log.unlink()
 
 
 def test_other_encoding_is_refused(tmp_path: Path) -> None:
