@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import Points, no_return
-from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError, printable
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -95,7 +95,9 @@ class Pipeline:
         self.requested_outputs = (True, True)
         self.statistics = Statistics()
         self._parameters = parameters
-        self._inform, self._warn = inform, warn
+        # A line break in the name of a field would begin a line of its own in a log.
+        self._inform = inform = lambda text, say=inform: say(printable(text))
+        self._warn = warn = lambda text, say=warn: say(printable(text))
         self._decoder = Decoder(parameters, inform, warn)
         self._is_moving = motion is not None
         if motion is not None:

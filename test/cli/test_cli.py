@@ -13,10 +13,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pytest
 from helpers import names
 from helpers.programs import ended
 from helpers.watching import fresh_copy
+from pyarrow import parquet
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli import compile as compile_notice
@@ -192,6 +195,50 @@ def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> 
     path.write_text('x,y,z\n' + ''.join(f'{i},{i * i % 7},{i % 3}\n' for i in range(50)))
     assert main([verb, str(path)]) in {0, 1}
     assert 'Traceback' not in capsys.readouterr().err
+
+
+HOSTILE = '[/red] :smile: \x1b[2J\n[FATAL]'  # markup, an emoji, and what a terminal obeys
+SHOWN = '[/red] :smile: \\x1b[2J\\n[FATAL]'
+
+
+@pytest.mark.parametrize('verb', ['info', 'clean'])
+def test_names_that_are_markup(verb: str, tmp_path: Path, capsys: Capture) -> None:
+    """Names of columns and files are printed as they are, and a terminal obeys nothing in them."""
+    path = tmp_path / f'{HOSTILE}.parquet'
+    path.parent.mkdir()
+    columns = {name: np.arange(60.0) % 7 for name in 'xyz'}
+    parquet.write_table(pa.table({**columns, HOSTILE: np.arange(60)}), path)
+    chain = [] if verb == 'info' else ['--chain', 'sor']
+    assert main([verb, str(path), *chain]) == 0
+    said = ''.join(capsys.readouterr())
+    assert '\x1b' not in said
+    assert ':smile:' in said
+    assert 'Traceback' not in said
+    if verb == 'info':
+        assert SHOWN in said
+
+
+def test_real_markup(real_data: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So are those of a CSV file and of a recording."""
+    monkeypatch.setenv('COLUMNS', '200')
+    for name in ('markup.csv', 'markup_bag'):
+        assert main(['info', str(real_data / 'hostile' / name)]) == 0
+    said = ''.join(capsys.readouterr())
+    assert '│ [/red] ' in said
+    assert '\x1b' not in said
+
+
+def test_bar_of_a_file_that_is_markup(tmp_path: Path) -> None:
+    """So are those that a bar names."""
+    path = tmp_path / '[red]a[b].csv'
+    path.write_text('x,y,z\n' + '1,2,3\n4,5,6\n' * 30)
+    leader, terminal = pty.openpty()
+    command = [*RUN, 'clean', str(path), '--chain', 'sor']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen, _ = read_terminal(leader), process.communicate()
+    assert process.returncode == 0
+    assert b'[red]a[b].csv' in screen
 
 
 @pytest.mark.parametrize(
