@@ -18,7 +18,7 @@ REFUSED = {
     # Files
     'clean cloud.obj': 'the file cloud.obj must be one of .las .laz .pcd .ply',
     'clean none.las': 'the file none.las must be a file, got none\n',
-    'clean a.pcd --chain sor --set max_points=10': 'the number of points judged in one piece',
+    'clean a.pcd --chain sor --set max_points=10': 'the number of points of',
     'clean a.pcd --tile nan': '--tile must be at least 0 and finite, got nan',
     'clean a.pcd --output a.pcd': 'must be a new file, got a.pcd, which exists; remove it, or name',
     'clean a.pcd --output b.ply': 'the output must be in the format of a.pcd',
