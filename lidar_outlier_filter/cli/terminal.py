@@ -67,7 +67,8 @@ def _quote_cells(table: Table) -> None:
     from rich.text import Text
 
     def quoted(cell: Any) -> Any:
-        return Text(printable(cell)) if isinstance(cell, str) else cell
+        lines = cell.split('\n') if isinstance(cell, str) else []
+        return Text('\n'.join(map(printable, lines))) if lines else cell
 
     for column in table.columns:
         column.header = quoted(column.header)

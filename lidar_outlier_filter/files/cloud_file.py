@@ -37,6 +37,8 @@ FORMATS = {
     **dict.fromkeys(('.sqlite', '.sqlite3', '.db'), ('sqlite', 'SqliteFile', '')),
 }
 SUFFIXES = tuple(FORMATS)
+# Clouds in formats that are not read: each in a folder is a failure, not passed over.
+UNREAD_SUFFIXES = ('.pts', '.xyzi', '.xyzrgb', '.zlas', '.fls', '.zfs', '.rxp', '.rdbx')
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
 
 

@@ -178,3 +178,39 @@ def test_high_and_low() -> None:
     xyz[:40, 2] += np.where(np.arange(40) % 2, 15.0, -15.0)
     assert is_high(xyz, ~rejected, rejected).tolist() == (np.arange(40) % 2 == 1).tolist()
     assert not is_high(xyz, np.zeros(len(xyz), np.bool_), rejected).any()
+
+
+ROWS = [(i % 9, i % 7, i / 10) for i in range(50)]
+HARD = {
+    'quoted.csv': 'name,x,y,z\n' + ''.join(f'"a","{x}","{y}","{z}"\n' for x, y, z in ROWS),
+    'excel.csv': 'sep=;\nx;y;z\n' + ''.join(f'{x};{y};{z}\n' for x, y, z in ROWS),
+    'fortran.xyz': ''.join(f'{x}.0D+02 {y}.0D+02 {z}D+00\n' for x, y, z in ROWS),
+    'commented.txt': 'a scan\nof a street\n\n' + ''.join(f'{x} {y} {z}\n' for x, y, z in ROWS),
+    'leica.pts': '50\n' + ''.join(f'{x} {y} {z} 7\n' for x, y, z in ROWS),
+}
+
+
+def test_clouds_that_cannot_be_read(tmp_path: Path, capsys: Capture) -> None:
+    """In a folder they are failures that are named, not skipped; what is read alone is read."""
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    for name, text in HARD.items():
+        (folder / name).write_text(text)
+    (folder / 'utf16.csv').write_text(HARD['excel.csv'], encoding='utf-16')
+    (folder / 'notes.txt').write_text('A street in May,\nscanned in light rain.\n')
+    alone = {
+        one.name: main(['clean', str(one), '--chain', 'sor', '--output', f'{tmp_path / one.name}'])
+        for one in sorted(folder.iterdir())
+    }
+    assert alone['quoted.csv'] == 0
+    capsys.readouterr()
+    assert main(['clean', str(folder), '--chain', 'sor']) == 3
+    said = capsys.readouterr()
+    assert said.err.count('is skipped') == 1
+    assert 'notes.txt is skipped' in said.err
+    for name, status in alone.items():
+        if name != 'notes.txt':
+            assert (name in said.err) == (status != 0), name
+            assert (tmp_path / 'run_cleaned' / f'{Path(name).stem}_cleaned.csv').exists() <= (
+                status == 0
+            )
