@@ -60,6 +60,7 @@ class CleanReport:
     coarse : a warning that float32 coordinates are too far from the origin
     invalid : missing returns (NaN, Inf, all 0)
     ignored : points of ignored classes
+    masked : points on the own vehicle
     untested : points that no detector could test
     second_phase : points that the second phase of a detector marks
     spared : points of protected classes that would be rejected otherwise
@@ -84,6 +85,7 @@ class CleanReport:
     points: int
     invalid: int
     ignored: int
+    masked: int
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]
@@ -101,7 +103,7 @@ class CleanReport:
     @property
     def is_untested(self) -> bool:
         """Whether no point could be tested."""
-        return self.points == self.untested + self.invalid + self.ignored
+        return self.points == self.untested + self.invalid + self.ignored + self.masked
 
 
 def clean_file(  # noqa: PLR0913  many callbacks
@@ -267,6 +269,7 @@ def _report(
         points=len(valid),
         invalid=count(~valid & ~masked) - judged.ignored,
         ignored=judged.ignored,
+        masked=count(masked & ~valid),
         untested=count(np.isnan(verdict.score[valid])),
         rejected=count(verdict.rejected),
         rejected_by=by_name(verdict.detectors, rejecting),
