@@ -4,6 +4,7 @@
 
 import fcntl
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -312,6 +313,57 @@ def test_a_folder_removed_before_its_lock(
         assert (folder / LOCK).is_file()
         assert list(tmp_path.iterdir()) == [folder]
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from lidar_outlier_filter.disk import new_files
+from lidar_outlier_filter.disk.new_files import new_files as make
+publish, left = new_files.publish, [int(sys.argv[1])]
+def killed(built, path):
+    if not left[0]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left[0] -= 1
+    publish(built, path)
+new_files.publish = killed
+with make([Path(name) for name in sys.argv[2:]]) as built:
+    for path in built:
+        path.write_text(path.name)
+"""
+
+
+@pytest.mark.parametrize('named', [0, 1, 2])
+def test_a_run_that_is_killed_between_two_names(tmp_path: Path, named: int) -> None:
+    """The next run for the same outputs gives the rest their names, and refuses to do more."""
+    (tmp_path / 'other').mkdir()
+    paths = [tmp_path / 'a', tmp_path / 'other' / 'b', tmp_path / 'c']
+    command = [sys.executable, '-c', KILLED, str(named), *map(str, paths)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert sum(path.exists() for path in paths) == named
+    with pytest.raises(FilterError, match='which exists'), new_files(paths):
+        pytest.fail('never comes here')
+    assert [path.read_text() for path in paths] == ['a', 'b', 'c']
+    for path in paths:
+        path.unlink()
+    with new_files(paths) as built:
+        for path in built:
+            path.write_text('new')
+    assert [path.read_text() for path in paths] == ['new'] * 3
+    assert (names(tmp_path), names(tmp_path / 'other')) == (['a', 'c', 'other'], ['b'])
+
+
+def test_an_output_that_was_removed_since(tmp_path: Path) -> None:
+    """Where somebody removed an output of a killed run, the rest of that run is removed, too."""
+    paths = [tmp_path / 'a', tmp_path / 'b']
+    command = [sys.executable, '-c', KILLED, '1', *map(str, paths)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    paths[0].unlink()
+    with new_files(paths) as built:
+        for path in built:
+            path.write_text('new')
+    assert [path.read_text() for path in paths] == ['new', 'new']
+    assert names(tmp_path) == ['a', 'b']
 
 
 def run_where_full(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
