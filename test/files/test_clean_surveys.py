@@ -14,8 +14,9 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.mask import HEAD, NAMES
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report import figures, worst
 
 Capture = pytest.CaptureFixture[str]
 
@@ -133,6 +134,34 @@ def test_the_picture(cloud: Path, capsys: Capture) -> None:
         f'--picture must be a name that ends with .png, got {cloud.parent}/worst.gif',
     ]
     assert sorted(path.name for path in cloud.parent.iterdir()) == ['a.las', 'worst.png']
+
+
+def test_side_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every rejected point has the colour of its own side; places are in the unit of the file."""
+    xyz, classes = floor()
+    xyz[BIRD, :2] = xyz[LOW, :2] = 10.0
+    path = write_las(tmp_path / 'a.las', xyz, classes)
+    drawn: dict[str, list[float]] = {figures.ABOVE: [], figures.BELOW: []}
+
+    def note(_axes: object, points: Any, _along: int, colour: str, _size: float) -> None:
+        if colour in drawn:
+            drawn[colour] += np.round(points[:, 2] / 0.3048).tolist()
+
+    def draw(judged: JudgedFile) -> None:
+        found = worst.find(judged)
+        assert sorted(np.round(group.middle).tolist() for group in found.groups) == [
+            [10, 10, -30],
+            [10, 10, 30],
+        ]
+        figures.draw_worst(judged, found, tmp_path / 'a.png')
+
+    monkeypatch.setattr(figures, '_dots', note)
+    parameters = FilterParameters().changed({'chain': ['sor']})
+    options = CleanOptions(dry=True, unit='ft')
+    clean_file(path, tmp_path / 'out.las', parameters, options, inspect=draw)
+    # From the middle of either group; each is seen in the view of the other.
+    assert sorted(drawn[figures.ABOVE]) == [0, 60]
+    assert sorted(drawn[figures.BELOW]) == [-60, 0]
 
 
 def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
