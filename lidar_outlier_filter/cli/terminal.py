@@ -290,8 +290,13 @@ def read_parameters(
     """Take parameters from files, in their order, single ones from NAME=VALUE, then a chain."""
     values: dict[str, object] = {}
     for file in files:
-        from lidar_outlier_filter.parameters.yaml_files import read_yaml
+        from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
 
+        # As the pages name those of the package, whose folder is elsewhere without its sources.
+        installed = config_folder().parent / file
+        if not file.exists() and file.parts[0] == 'config' and installed.is_file():
+            say(f'{file} is that of the package, {installed}')
+            file = installed  # noqa: PLW2901
         values.update(read_yaml(file))
     for setting in settings:
         name, text = split_setting('--set', setting, 'NAME=VALUE')

@@ -217,9 +217,11 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def check_new(path: Path, must_be: str = FILE, what: str = 'the output') -> None:
-    """Refuse an output whose name is taken, before the work begins."""
+    """Refuse an output whose name is taken, or whose folder is missing, before the work begins."""
     if os.path.lexists(path):
         raise _taken(path, must_be, what)
+    if not path.parent.is_dir():
+        raise FilterError(what, 'in a folder that exists', path)
 
 
 def _taken(path: Path, must_be: str, what: str = 'the output') -> FilterError:

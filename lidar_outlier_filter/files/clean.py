@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.annotations import Allocate, Progress
 from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
-from lidar_outlier_filter.disk.new_files import new_files, writable
+from lidar_outlier_filter.disk.new_files import check_new, new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import FORMATS, Change, CloudFile, open_cloud
@@ -148,6 +148,10 @@ def clean_file(  # noqa: PLR0913  many callbacks
 
     """
     started = datetime.now(UTC)
+    if make is new_files and not options.dry:
+        for cloud in (output, outliers, log_of(output)):
+            if cloud is not None:
+                check_new(cloud)
     file = open_cloud(path, options.table)
     clouds = list_clouds(file, output, outliers, options)
     outputs = [] if options.dry else [*clouds, log_of(output)]

@@ -21,7 +21,7 @@ import laspy
 import lazrs
 import numpy as np
 from laspy import DecompressionSelection as Parts
-from laspy.header import LAS_HEADERS_SIZE
+from laspy.header import LAS_HEADERS_SIZE, Version
 from laspy.vlrs.vlrlist import VLRList
 from numpy.typing import NDArray
 
@@ -60,6 +60,7 @@ _PARTS = {
 }
 # Offsets in the header (LAS 1.4, table 3), first byte and the one behind the last.
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
+_VERSION = slice(24, 26)
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
 _LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
@@ -140,6 +141,8 @@ class LasFile(CloudFile):
         evlrs = [one for one in self._evlrs if one.user_id not in _LAYOUTS]
         with laspy.open(self.path, read_evlrs=False) as reader, path.open('w+b') as stream:
             header = deepcopy(reader.header)
+            if str(header.version) == '1.0':  # laspy reads it only; its header is that of 1.1
+                header.version = Version(1, 1)
             if change.added:
                 # laspy describes all extra dimensions anew.
                 records = [one for one in records if (one.user_id, one.record_id) != _DESCRIBED]
@@ -170,7 +173,7 @@ class LasFile(CloudFile):
         """Put back the bytes that laspy rewrote: of the header, and the heads of the records."""
         with self.path.open('rb') as source:
             before = source.read(MAX_HEADER_BYTES)
-        parts = {_IDENTITY.start: before[_IDENTITY]}
+        parts = {_VERSION.start: before[_VERSION], _IDENTITY.start: before[_IDENTITY]}
         if change.keep is None:
             parts[_LEGACY.start] = before[_LEGACY]
             parts[_BOUNDS.start] = before[_BOUNDS]

@@ -28,6 +28,7 @@ from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import read_parameters
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
 from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
@@ -311,3 +312,17 @@ def test_what_is_compiled_is_said_before(
     assert before.startswith('compiling, ')
     assert before.endswith(': lof; sor\n')
     assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')
+
+
+def test_parameter_files_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """A file of config/ is found where the pages' commands run outside of the sources."""
+    monkeypatch.chdir(tmp_path)
+    found = read_parameters([Path('config/classic.yaml')], [])
+    installed = config_folder() / 'classic.yaml'
+    assert found == read_yaml(installed)
+    assert capsys.readouterr().err == f'config/classic.yaml is that of the package, {installed}\n'
+    (tmp_path / 'config').mkdir()
+    (tmp_path / 'config' / 'classic.yaml').write_text('/**:\n  ros__parameters:\n    block: 0.5\n')
+    assert read_parameters([Path('config/classic.yaml')], []) == {'block': 0.5}

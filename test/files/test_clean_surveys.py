@@ -209,6 +209,18 @@ def test_high_and_low() -> None:
     assert not is_high(xyz, np.zeros(len(xyz), np.bool_), rejected).any()
 
 
+def test_failures_of_a_folder_name_the_file(tmp_path: Path, capsys: Capture) -> None:
+    """Where a sentence does not name its file, the file comes before it."""
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    rows = ''.join(f'{x},{y},{z}\n' for x, y, z in ROWS)
+    (folder / 'far.csv').write_text(f'x,y,z\n1e12,0,0\n{rows}')
+    (folder / 'near.csv').write_text(f'x,y,z\n{rows}')
+    assert main(['clean', str(folder), '--chain', 'sor']) == 3
+    said = capsys.readouterr().err
+    assert f'{folder}/far.csv: the coordinates of a point must be within' in said
+
+
 ROWS = [(i % 9, i % 7, i / 10) for i in range(50)]
 HARD = {
     'quoted.csv': 'name,x,y,z\n' + ''.join(f'"a","{x}","{y}","{z}"\n' for x, y, z in ROWS),

@@ -119,6 +119,18 @@ def test_every_point_format(tmp_path: Path, point_format: int, suffix: str) -> N
     assert raw(copied(path, change)).tobytes() == expected.tobytes()
 
 
+@pytest.mark.parametrize('suffix', ['.las', '.laz'])
+def test_las_1_0(tmp_path: Path, suffix: str) -> None:
+    """The first version is read and copied; the copy says the version of the file."""
+    path = patch(make(tmp_path / f'old{suffix}', 1, '1.2'), 25, b'\0')
+    copy = copied(path, Change(noise=np.ones(1000, np.bool_)))
+    assert copy.read_bytes()[24:26] == b'\1\0'
+    assert open_cloud(copy).about['LAS'] == '1.0'
+    for name, values in zip(open_cloud(path).columns, columns(path), strict=True):
+        expected = np.full(1000, 7) if name == 'classification' else values
+        np.testing.assert_array_equal(columns(copy, name)[0], expected)
+
+
 def test_header_and_records(tmp_path: Path) -> None:
     """Copies keep the header's texts, the records, and bytes between them."""
     path = make(tmp_path / 'made.las')
