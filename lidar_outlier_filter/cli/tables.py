@@ -117,6 +117,8 @@ def table_of_all(
     heads = [column.name.replace('real time', 'real\ntime') for column in columns]
     style: dict[str, Any] = {'box': box.SIMPLE_HEAD, 'padding': 0, 'show_edge': False}
     made = numbers(job.what, *heads, 'state') if of_files else numbers(job.what, *heads, **style)
+    # Beside the counts of files, 80 columns leave two letters for a name: it is not folded.
+    made.columns[0].no_wrap = of_files
     if len(rows) < len(records):
         made.caption = f'{len(records) - len(rows):,} more are on the page'
     now = set(tried)

@@ -255,3 +255,18 @@ def test_clouds_that_cannot_be_read(tmp_path: Path, capsys: Capture) -> None:
             assert (tmp_path / 'run_cleaned' / f'{Path(name).stem}_cleaned.csv').exists() <= (
                 status == 0
             )
+
+
+def test_names_in_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Each file of a folder has one line, with its whole name."""
+    monkeypatch.setenv('COLUMNS', '80')
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    listed = [f'survey_of_the_northern_valley_tile_{number:03}.csv' for number in range(3)]
+    for name in listed:
+        (folder / name).write_text('x,y,z\n' + ''.join(f'{x},{y},{z}\n' for x, y, z in ROWS))
+    assert main(['clean', str(folder), '--chain', 'sor']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [sum(f'│ {name} ' in line for line in lines) for name in listed] == [1, 1, 1]
