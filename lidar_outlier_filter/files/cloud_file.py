@@ -186,7 +186,8 @@ def _quiet(values: NDArray[Any]) -> NDArray[Any]:
     if values.dtype.kind != 'f':
         return values
     with np.errstate(invalid='ignore'):
-        return values * values.dtype.type(1)
+        quiet: NDArray[Any] = values * values.dtype.type(1)
+    return quiet
 
 
 def filled(values: NDArray[Any]) -> NDArray[Any]:

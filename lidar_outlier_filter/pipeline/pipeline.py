@@ -96,8 +96,8 @@ class Pipeline:
         self.statistics = Statistics()
         self._parameters = parameters
         # A line break in the name of a field would begin a line of its own in a log.
-        self._inform = inform = lambda text, say=inform: say(printable(text))
-        self._warn = warn = lambda text, say=warn: say(printable(text))
+        inform, warn = _printing(inform), _printing(warn)
+        self._inform, self._warn = inform, warn
         self._decoder = Decoder(parameters, inform, warn)
         self._is_moving = motion is not None
         if motion is not None:
@@ -369,3 +369,8 @@ def _line_chain(chain: Chain) -> Chain | None:
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
+
+
+def _printing(say: Callable[[str], object]) -> Callable[[str], object]:
+    """Return what escapes a sentence before it says it."""
+    return lambda text: say(printable(text))
