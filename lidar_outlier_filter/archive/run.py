@@ -22,7 +22,13 @@ from lidar_outlier_filter.archive.sidecar import (
     parameters_hash,
 )
 from lidar_outlier_filter.archive.workers import Workers
-from lidar_outlier_filter.errors import FilterError, SchedulerError, quote_error, refusing
+from lidar_outlier_filter.errors import (
+    FilterError,
+    SchedulerError,
+    printable,
+    quote_error,
+    refusing,
+)
 
 POLL_S = 0.2  # between two checks for an interrupt
 AHEAD = 2  # tasks for each worker, of which one waits
@@ -61,7 +67,13 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
                 record = timed(replace(made.record, source_hash=source_hash))
                 return replace(made, record=publish(task, built, record, made.log, before))
     except FilterError as err:
-        return Result(timed(replace(goal, error=str(err))))
+        return Result(timed(replace(goal, error=_with_name(task, err))))
+
+
+def _with_name(task: Task, err: FilterError) -> str:
+    """Say an error of a task with the name of its input, unless it says that."""
+    name = printable(str(task.location.path))
+    return str(err) if name in str(err) else f'{name}: {err}'
 
 
 def attempt_on_worker(task: Task, job: Job, goal: ArchiveRecord) -> Result:
@@ -115,7 +127,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
         try:
             return find_outputs(task).done(goal, task)
         except FilterError as err:
-            return replace(goal, error=str(err))
+            return replace(goal, error=_with_name(task, err))
 
     with ThreadPoolExecutor(SEARCH_THREADS) as pool:
         found = dict(zip(tasks, pool.map(record_of, tasks), strict=True))

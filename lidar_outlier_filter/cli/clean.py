@@ -32,7 +32,7 @@ from lidar_outlier_filter.cli.terminal import (
 from lidar_outlier_filter.disk.new_files import check_new, new_output
 from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.cloud_file import SUFFIXES, copy_suffix
+from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, copy_suffix
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
 from lidar_outlier_filter.files.text import is_prose
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -186,7 +186,7 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
             tasks.append(_task(path, options, folder, path.name))
             continue
         root = path.resolve()
-        for file in find_files(root, SUFFIXES):
+        for file in find_files(root, (*SUFFIXES, *UNREAD_SUFFIXES)):
             if is_prose(file):
                 say(f'{file} is skipped: it is text without columns of numbers')
             else:

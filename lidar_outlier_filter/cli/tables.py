@@ -13,7 +13,6 @@ from rich import box
 from rich.table import Table
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, numbers, say, show
-from lidar_outlier_filter.errors import printable
 from lidar_outlier_filter.files.clean import CleanReport
 from lidar_outlier_filter.files.judged_file import unit_text
 
@@ -118,6 +117,8 @@ def table_of_all(
     heads = [column.name.replace('real time', 'real\ntime') for column in columns]
     style: dict[str, Any] = {'box': box.SIMPLE_HEAD, 'padding': 0, 'show_edge': False}
     made = numbers(job.what, *heads, 'state') if of_files else numbers(job.what, *heads, **style)
+    # Beside the counts of files, 80 columns leave two letters for a name: it is not folded.
+    made.columns[0].no_wrap = of_files
     if len(rows) < len(records):
         made.caption = f'{len(records) - len(rows):,} more are on the page'
     now = set(tried)
@@ -128,7 +129,7 @@ def table_of_all(
         elif not of_files:
             cells[0] = record.state
         states = [_state(record, job, is_new=task in now)] if of_files else []
-        made.add_row(printable(task.source if of_files else task.names[0]), *cells, *states)
+        made.add_row(task.source if of_files else task.names[0], *cells, *states)
     return made
 
 
@@ -180,7 +181,7 @@ def show_file(path: Path, report: CleanReport, worst: Worst | None, seconds: flo
     cells['share'] = f'{100 * report.rejected / report.points:.3f} %'
     cells |= {'seconds': f'{seconds:.1f}', 'state': 'untested' if report.is_untested else 'done'}
     table = numbers('file', *cells)
-    table.add_row(printable(path.name), *cells.values())
+    table.add_row(path.name, *cells.values())
     _show({path: report}, {} if worst is None else {path: worst}, table)
 
 

@@ -53,14 +53,28 @@ def show(*parts: Any) -> None:
     """Print lines, each as it is, and tables; where no column wraps, a wide one is not cut."""
     from rich.console import Console
 
-    console = Console()
+    console = Console(emoji=False)
     for part in parts:
         if isinstance(part, str):
             console.print(printable(part), markup=False, highlight=False, soft_wrap=True)
         else:
+            _quote_cells(part)
             if all(column.no_wrap for column in part.columns):
                 console.width = max(console.width, Console(width=999).measure(part).maximum)
             console.print(part)
+
+
+def _quote_cells(table: Table) -> None:
+    """Have a table print its texts as they are: names in a file may be markup, or any bytes."""
+    from rich.text import Text
+
+    def quoted(cell: Any) -> Any:
+        lines = cell.split('\n') if isinstance(cell, str) else []
+        return Text('\n'.join(map(printable, lines))) if lines else cell
+
+    for column in table.columns:
+        column.header = quoted(column.header)
+        column._cells = [quoted(cell) for cell in column.cells]  # noqa: SLF001  nothing sets them
 
 
 def numbers(first: str, *others: str, texts: int = 1, **style: Any) -> Table:
@@ -182,6 +196,7 @@ def saying_how_far(how_far: Callable[[], str]) -> Iterator[None]:
 def progress_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
     """Show a bar on stderr if that is a terminal; else lines, where they are asked for."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     console, due = Console(stderr=True), monotonic() + LINE_PERIOD
@@ -196,10 +211,11 @@ def progress_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
         yield line
         return
     with Progress(console=console, transient=True) as bar:
-        task = bar.add_task(text, total=None)
+        task = bar.add_task(escape(printable(text)), total=None)
 
         def advance(done: int, total: int, what: str = '') -> None:
             description = f'{text}: {what}' if what else text
+            description = escape(printable(description))
             bar.update(task, completed=done, total=total, description=description)
 
         yield advance
@@ -278,8 +294,13 @@ def read_parameters(
     """Take parameters from files, in their order, single ones from NAME=VALUE, then a chain."""
     values: dict[str, object] = {}
     for file in files:
-        from lidar_outlier_filter.parameters.yaml_files import read_yaml
+        from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
 
+        # As the pages name those of the package, whose folder is elsewhere without its sources.
+        installed = config_folder().parent / file
+        if not file.exists() and file.parts[0] == 'config' and installed.is_file():
+            say(f'{file} is that of the package, {installed}')
+            file = installed  # noqa: PLW2901
         values.update(read_yaml(file))
     for setting in settings:
         name, text = split_setting('--set', setting, 'NAME=VALUE')

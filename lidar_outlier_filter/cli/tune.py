@@ -18,7 +18,7 @@ from lidar_outlier_filter.cli.terminal import (
     stoppable_bar,
 )
 from lidar_outlier_filter.disk.new_files import check_new, new_output
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingError
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.evaluation.labels import is_recording
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -57,6 +57,12 @@ def run_tune(options: argparse.Namespace) -> int:
             kept=options.keep,
             progress=progress,
         )
+    lost = tuned.whole(found.after).false_rejections.ratio
+    if lost > options.most_lost:
+        _show(found, parameters, options)
+        must_be = f'at most {options.most_lost} (--most-lost) with some of the values tried'
+        got = f'{lost:.4g} with the best: --search tries others, a shorter chain loses less'
+        raise FilterError('the share of good points lost', must_be, got)
     about = tuned.sentence(found, ', '.join(path.name for path in options.data))
     with new_output(output) as built:
         built.write_text(f'# {about}\n{write_yaml(found.parameters.flat())}', encoding='utf-8')

@@ -13,6 +13,7 @@ files and empty folders. So the system is asked for a rename that refuses.
 import ctypes
 import errno
 import fcntl
+import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -25,6 +26,7 @@ from lidar_outlier_filter.errors import FilterError, refusing
 
 FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
 LOCK = '.lock-of-the-run'
+NAMES = '.names-of-the-run'  # lists what a run that gives several names was about to do
 _GONE = '-gone'  # ends the name of a folder that is being removed
 _HERE = -100  # AT_FDCWD: relative paths begin at the working folder
 _NO_REPLACE = 1  # RENAME_NOREPLACE
@@ -41,18 +43,25 @@ def hidden_folder(path: Path) -> Iterator[Path]:
         If it cannot be made.
 
     """
-    prefix = f'.{path.name}.partial-'
-    with os.scandir(path.parent) as found:
-        left = [one for one in found if one.name.startswith(prefix)]
-    for one in left:
-        if one.is_dir(follow_symlinks=False):
-            _remove_if_left(Path(one.path))
-    folder, lock = _made_and_locked(prefix, path.parent)
+    for one in _hidden_beside(path):
+        _remove_if_left(one)
+    folder, lock = _made_and_locked(_prefix(path), path.parent)
     try:
         with lock:
             yield folder
     finally:
         _remove(folder)
+
+
+def _prefix(path: Path) -> str:
+    return f'.{path.name}.partial-'
+
+
+def _hidden_beside(path: Path) -> list[Path]:
+    """List the hidden folders of an output."""
+    with os.scandir(path.parent) as found:
+        folders = [one for one in found if one.is_dir(follow_symlinks=False)]
+    return [Path(one.path) for one in folders if one.name.startswith(_prefix(path))]
 
 
 def _made_and_locked(prefix: str, parent: Path) -> tuple[Path, IO[bytes]]:
@@ -89,11 +98,10 @@ def _take(lock: IO[bytes]) -> None:
 
 
 def _remove_if_left(folder: Path) -> None:
-    """Remove a folder that no run holds."""
-    if folder.name.endswith(_GONE):
-        shutil.rmtree(folder, ignore_errors=True)
-        return
-    with suppress(OSError), (folder / LOCK).open('ab') as lock:
+    """Remove a folder that a killed run left, which its lock shows; one of somebody else stays."""
+    with suppress(OSError):
+        folder.rmdir()  # a run was killed, or is about to make its lock, and makes another folder
+    with suppress(OSError), (folder / LOCK).open('r+b') as lock:
         _take(lock)
         _remove(folder)
 
@@ -101,13 +109,19 @@ def _remove_if_left(folder: Path) -> None:
 def _remove(folder: Path) -> None:
     """Remove a folder into which a worker may still write.
 
-    It is renamed first: a worker that writes into it by its name finds it gone. And if this run is
-    killed meanwhile, the next one knows by the name that the folder is obsolete.
+    It is renamed first: a worker that writes into it by its name finds it gone. The lock goes last:
+    if this run is killed meanwhile, the next one knows by it whose the folder is.
     """
-    gone = folder.with_name(f'{folder.name}{_GONE}')
+    gone = folder if folder.name.endswith(_GONE) else folder.with_name(f'{folder.name}{_GONE}')
     with suppress(OSError):
         folder.rename(gone)
     for name in (gone, folder):
+        with suppress(OSError):
+            for one in sorted(name.iterdir(), key=lambda path: path.name == LOCK):
+                if one.is_dir() and not one.is_symlink():
+                    shutil.rmtree(one, ignore_errors=True)
+                else:
+                    one.unlink(missing_ok=True)
         shutil.rmtree(name, ignore_errors=True)
 
 
@@ -138,11 +152,32 @@ def new_files(paths: Sequence[Path], must_be: str = FILE) -> Iterator[list[Path]
     if len({path.resolve() for path in paths}) < len(paths):
         raise FilterError('the outputs', 'different files', ', '.join(map(str, paths)))
     for path in paths:
+        with suppress(OSError):  # of a folder that does not exist
+            _finish_killed(path)
         check_new(path, must_be)
     with writable(next(iter(paths), 'of a dry run')), ExitStack() as stack:
         hidden = [stack.enter_context(hidden_folder(path)) / path.name for path in paths]
         yield hidden
+        if len(paths) > 1:
+            pairs = [
+                [str(one.absolute()) for one in pair] for pair in zip(hidden, paths, strict=True)
+            ]
+            for one in hidden:
+                (one.parent / NAMES).write_text(json.dumps(pairs), encoding='utf-8')
         publish_all(hidden, paths)
+
+
+def _finish_killed(path: Path) -> None:
+    """Give the rest of the outputs their names, where a run was killed while it did so."""
+    for folder in _hidden_beside(path):
+        with suppress(OSError, ValueError), (folder / LOCK).open('r+b') as lock:
+            _take(lock)
+            pairs = [[*map(Path, pair)] for pair in json.loads((folder / NAMES).read_bytes())]
+            # Where somebody removed an output, the others are old.
+            if all(os.path.lexists(built) or os.path.lexists(path) for built, path in pairs):
+                for built, named in pairs:
+                    with suppress(FilterError, OSError):
+                        publish(built, named)
 
 
 @contextmanager
@@ -182,9 +217,11 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def check_new(path: Path, must_be: str = FILE, what: str = 'the output') -> None:
-    """Refuse an output whose name is taken, before the work begins."""
+    """Refuse an output whose name is taken, or whose folder is missing, before the work begins."""
     if os.path.lexists(path):
         raise _taken(path, must_be, what)
+    if not path.parent.is_dir():
+        raise FilterError(what, 'in a folder that exists', path)
 
 
 def _taken(path: Path, must_be: str, what: str = 'the output') -> FilterError:

@@ -10,6 +10,22 @@ _MAGIC = b'SQLite format 3\0'
 _MIN_LIMIT = 2**20  # bytes of a value; SQLite's own words must fit
 
 
+def open_logs(path: Path) -> list[Path]:
+    """List the logs beside a database that its writer did not close.
+
+    In a log for writing ahead are rows that the database lacks; by a journal, SQLite takes back
+    rows that were not committed. Where a journal is kept for the next writer its head is zero.
+    """
+    found = []
+    for ending in ('-wal', '-journal'):
+        log = path.with_name(path.name + ending)
+        if log.is_file():
+            with log.open('rb') as stream:
+                if stream.read(1).strip(b'\0'):
+                    found.append(log)
+    return found
+
+
 def damage_of(path: Path) -> str:
     """Describe the damage of a database; empty: it is complete, or SQLite refuses to open it.
 

@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.annotations import Allocate, Progress
 from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
-from lidar_outlier_filter.disk.new_files import new_files, writable
+from lidar_outlier_filter.disk.new_files import check_new, new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import FORMATS, Change, CloudFile, open_cloud
@@ -61,6 +61,7 @@ class CleanReport:
     coarse : a warning that float32 coordinates are too far from the origin
     invalid : missing returns (NaN, Inf, all 0)
     ignored : points of ignored classes
+    masked : points on the own vehicle
     untested : points that no detector could test
     second_phase : points that the second phase of a detector marks
     spared : points of protected classes that would be rejected otherwise
@@ -86,6 +87,7 @@ class CleanReport:
     points: int
     invalid: int
     ignored: int
+    masked: int
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]
@@ -103,7 +105,7 @@ class CleanReport:
     @property
     def is_untested(self) -> bool:
         """Whether no point could be tested."""
-        return self.points == self.untested + self.invalid + self.ignored
+        return self.points == self.untested + self.invalid + self.ignored + self.masked
 
 
 def clean_file(  # noqa: PLR0913  many callbacks
@@ -148,6 +150,10 @@ def clean_file(  # noqa: PLR0913  many callbacks
 
     """
     started = datetime.now(UTC)
+    if make is new_files and not options.dry:
+        for cloud in (output, outliers, log_of(output)):
+            if cloud is not None:
+                check_new(cloud)
     file = open_cloud(path, options.table)
     clouds = list_clouds(file, output, outliers, options)
     outputs = [] if options.dry else [*clouds, log_of(output)]
@@ -270,6 +276,7 @@ def _report(
         points=len(valid),
         invalid=count(~valid & ~masked) - judged.ignored,
         ignored=judged.ignored,
+        masked=count(masked & ~valid),
         untested=count(np.isnan(verdict.score[valid])),
         rejected=count(verdict.rejected),
         rejected_by=by_name(verdict.detectors, rejecting),

@@ -37,6 +37,8 @@ FORMATS = {
     **dict.fromkeys(('.sqlite', '.sqlite3', '.db'), ('sqlite', 'SqliteFile', '')),
 }
 SUFFIXES = tuple(FORMATS)
+# Clouds in formats that are not read: each in a folder is a failure, not passed over.
+UNREAD_SUFFIXES = ('.pts', '.xyzi', '.xyzrgb', '.zlas', '.fls', '.zfs', '.rxp', '.rdbx')
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
 
 
@@ -172,10 +174,20 @@ def read(
             raise CloudError(f'a column of {file.path}', must_be, repr(name))
     count = 0
     with readable(file.path):
-        for chunk in file.read(names):
+        for read_values in file.read(names):
+            chunk = tuple(map(_quiet, read_values))
             count += len(chunk[0])
             yield chunk if exact else tuple(map(filled, chunk))
         check_count(file.path, len(file), count)
+
+
+def _quiet(values: NDArray[Any]) -> NDArray[Any]:
+    """Make NaN of signalling NaN, of which each conversion and comparison would warn."""
+    if values.dtype.kind != 'f':
+        return values
+    with np.errstate(invalid='ignore'):
+        quiet: NDArray[Any] = values * values.dtype.type(1)
+    return quiet
 
 
 def filled(values: NDArray[Any]) -> NDArray[Any]:

@@ -6,6 +6,8 @@ A copy that libE57 writes has other bytes for every point, and its Python side k
 pictures nor extensions. So nothing is written as E57 that looks like the file and is not.
 """
 
+import re
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,6 +40,11 @@ _SCAN = 'scan'
 _FLOAT = np.dtype(np.float64)
 _WHOLE = np.dtype(np.longlong)  # pye57 confuses int64, another name of the same type, with int32
 _NARROWEST = tuple(map(np.dtype, ('u1', 'u2', 'i4')))
+_PAGE_BYTES, _SUM_BYTES = 1024, 4  # of a page, and of the checksum at its end
+_XML_AT = struct.Struct('<16x 8x QQ')  # of the head: offset in the file, and length without sums
+# libE57 gets what these name, from any address, and unpacks entities without a limit.
+_REFERENCE = re.compile(rb'<!DOCTYPE|[sS]chemaLocation')
+_ENCODING = re.compile(rb'<\?xml[^>]*\sencoding\s*=\s*["\']([^"\']*)')
 _BITS = 8  # of a byte; a point is packed into one bit at least
 
 
@@ -57,6 +64,7 @@ class E57File(CloudFile):
     def __init__(self, path: Path) -> None:
         """Read the description of each scan; nothing is allocated by it."""
         self.path = path
+        _check_xml(path)
         with _opened(path) as data:
             self._scans = [_scan(path, data[i], i) for i in range(len(data))]
         self._count = sum(scan.count for scan in self._scans)
@@ -143,6 +151,26 @@ def _opened(path: Path) -> Iterator[Any]:
     except libe57.E57Exception as err:  # further lines name source files of libE57
         got = f'"{str(err).strip().partition(chr(10))[0]}"'
         raise CloudError(f'the file {path}', 'readable', got) from err
+
+
+def _check_xml(path: Path) -> None:
+    """Refuse XML that refers to other files or has entities, and XML in which it cannot be seen."""
+    with path.open('rb') as stream:
+        head = stream.read(_XML_AT.size)
+        if len(head) < _XML_AT.size:
+            return  # libE57 refuses it
+        begin, size = _XML_AT.unpack(head)
+        stream.seek(begin // _PAGE_BYTES * _PAGE_BYTES)
+        data = stream.read(min(2 * size + 2 * _PAGE_BYTES, path.stat().st_size))
+    whole = _PAGE_BYTES - _SUM_BYTES
+    plain = b''.join(data[at : at + whole] for at in range(0, len(data), _PAGE_BYTES))
+    xml = plain[begin % _PAGE_BYTES :][:size]
+    what = f'the XML of {path}'
+    if found := _REFERENCE.search(xml):
+        raise CloudError(what, 'without references to other files', repr(found[0].decode()))
+    said = _ENCODING.match(xml.removeprefix(b'\xef\xbb\xbf'))
+    if b'\0' in xml or (said and said[1].lower() != b'utf-8'):
+        raise CloudError(what, 'in UTF-8', repr(said[1].decode('latin-1')) if said else 'zeros')
 
 
 def _scan(path: Path, node: Any, number: int) -> _PosedScan:

@@ -210,6 +210,7 @@ def _load(
         parameters,
         # In tiles, detectors that can do without scan lines do.
         timed=bool(along_lines(parameters.chain)) if options.tile else None,
+        in_one_piece=not (options.tile or options.strips or options.ignore),
         metres=metres,
         more=[points.CLASSIFICATION] * file.classes + [STRIP] * options.strips,
         allocate=allocate,

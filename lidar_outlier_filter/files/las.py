@@ -21,7 +21,7 @@ import laspy
 import lazrs
 import numpy as np
 from laspy import DecompressionSelection as Parts
-from laspy.header import LAS_HEADERS_SIZE
+from laspy.header import LAS_HEADERS_SIZE, Version
 from laspy.vlrs.vlrlist import VLRList
 from numpy.typing import NDArray
 
@@ -41,6 +41,11 @@ from lidar_outlier_filter.files.las_header import (
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
+_DESCRIBED = ('LASF_Spec', EXTRA_BYTES)
+_HEAD_BYTES = 54  # of a record
+# Of the description of an extra dimension (LAS 1.4, table 24): all its bytes, where its options,
+# least and largest value lie, and the options that say that both are known.
+_DIMENSION_BYTES, _OPTIONS, _LEAST, _LARGEST, _HAS_LIMITS = 192, 3, 64, 88, 2 | 4
 AXES = ('x', 'y', 'z')
 # What is unpacked for a column of point formats 6 to 10; all of a point for any other column.
 _RETURNS = ('x', 'y', 'return_number', 'scanner_channel')
@@ -55,6 +60,7 @@ _PARTS = {
 }
 # Offsets in the header (LAS 1.4, table 3), first byte and the one behind the last.
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
+_VERSION = slice(24, 26)
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
 _LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
@@ -135,10 +141,11 @@ class LasFile(CloudFile):
         evlrs = [one for one in self._evlrs if one.user_id not in _LAYOUTS]
         with laspy.open(self.path, read_evlrs=False) as reader, path.open('w+b') as stream:
             header = deepcopy(reader.header)
+            if str(header.version) == '1.0':  # laspy reads it only; its header is that of 1.1
+                header.version = Version(1, 1)
             if change.added:
                 # laspy describes all extra dimensions anew.
-                described = ('LASF_Spec', EXTRA_BYTES)
-                records = [one for one in records if (one.user_id, one.record_id) != described]
+                records = [one for one in records if (one.user_id, one.record_id) != _DESCRIBED]
             header.vlrs[:] = records
             if change.added:
                 kinds = {name: values.dtype for name, values in change.added.items()}
@@ -166,7 +173,7 @@ class LasFile(CloudFile):
         """Put back the bytes that laspy rewrote: of the header, and the heads of the records."""
         with self.path.open('rb') as source:
             before = source.read(MAX_HEADER_BYTES)
-        parts = {_IDENTITY.start: before[_IDENTITY]}
+        parts = {_VERSION.start: before[_VERSION], _IDENTITY.start: before[_IDENTITY]}
         if change.keep is None:
             parts[_LEGACY.start] = before[_LEGACY]
             parts[_BOUNDS.start] = before[_BOUNDS]
@@ -182,6 +189,29 @@ class LasFile(CloudFile):
                 stream.seek(offset)
                 stream.write(record.head)
                 offset += len(record.head) + len(record.record_data)  # noqa: PLW2901
+            if some is records[0] and change.added:
+                self._describe(stream, offset + _HEAD_BYTES, change)
+
+    def _describe(self, stream: BinaryIO, offset: int, change: Change) -> None:
+        """Describe the extra dimensions in a record of laspy: the file's own as they were."""
+        known = ((one.user_id, one.record_id) for one in self._records)
+        own = dict(zip(known, self._records, strict=True)).get(_DESCRIBED)
+        stream.seek(offset)
+        if own is not None:
+            data = own.record_data_bytes()
+            stream.write(data[: len(data) // _DIMENSION_BYTES * _DIMENSION_BYTES])
+        for values in change.added.values():
+            begin = stream.tell()
+            one = bytearray(stream.read(_DIMENSION_BYTES))
+            kept = values if change.keep is None else values[change.keep]
+            kept = kept[np.isfinite(kept)]
+            one[_OPTIONS] = _HAS_LIMITS if len(kept) else 0
+            kind = {'f': 'd', 'u': 'Q', 'i': 'q'}[values.dtype.kind]
+            limits = (kept.min().item(), kept.max().item()) if len(kept) else (0, 0)
+            for place, limit in zip((_LEAST, _LARGEST), limits, strict=True):
+                struct.pack_into(f'<{kind}', one, place, limit)
+            stream.seek(begin)
+            stream.write(one)
 
 
 def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:

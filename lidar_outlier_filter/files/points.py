@@ -101,6 +101,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     parameters: FilterParameters,
     *,
     timed: bool | None = None,
+    in_one_piece: bool = True,
     metres: Mapping[str, float] | None = None,
     more: Sequence[str] = (),
     allocate: Callable[[tuple[int, ...]], Floats] = np.empty,
@@ -114,6 +115,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     coordinates : two or three columns; z is 0 if there are two
     parameters : name the columns of time, line and standard deviation
     timed : whether times and scan lines are needed; None: where a detector uses them
+    in_one_piece : whether more than ``max_points`` are refused before they are read
     metres : metres per unit of coordinates in other units; None: as the file says
     more : further columns to read
     allocate : returns the array for the coordinates, in memory or in a file
@@ -122,6 +124,10 @@ def load(  # noqa: PLR0913  which columns, and where to
     """
     if timed is None:
         timed = uses_lines(parameters.chain)
+    if in_one_piece and len(file) > parameters.max_points:
+        # A few bytes of Parquet may be as many points as they like.
+        must_be = f'at most max_points = {parameters.max_points}, to be judged in one piece'
+        raise CloudError(f'the number of points of {file.path}', must_be, len(file))
     mask = mask_of(parameters)
     ring = [] if mask is None else _line_columns(file, parameters, 'where there is a mask')
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))

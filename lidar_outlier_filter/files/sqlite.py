@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
+from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of, open_logs
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile, parse_number
 
@@ -32,10 +32,9 @@ class SqliteFile(CloudFile):
     def __init__(self, path: Path, table: str | None = None) -> None:
         """Find the table, its columns and its size."""
         self.path = path
-        log = path.with_name(path.name + '-wal')
-        if log.is_file() and log.stat().st_size:
+        for log in open_logs(path):
             must_be = 'closed by its writer'
-            raise CloudError(f'the database {path}', must_be, f'rows in {log.name}')
+            raise CloudError(f'the database {path}', must_be, f'changes in {log.name}')
         if wrong := damage_of(path):
             raise CloudError(f'the database {path}', 'whole', f'"{wrong}"')
         with closing(connect(path)) as database:

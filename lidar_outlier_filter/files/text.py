@@ -39,6 +39,11 @@ FLOAT = np.dtype(np.float64)
 MAX_LINE_BYTES = 1_000_000  # bytes of the first lines
 EXACT_FLOAT64 = 2**53  # up to here a float64 holds every whole number
 
+# As programs write them: quoted, with the exponent of Fortran, or with a comma.
+_WORD = re.compile(rb'[^\s,;|"\']+')
+_NUMBER = re.compile(rb'[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?')
+_FIRST_LINES = 20  # of a table, after which its rows have begun
+
 # PTX
 _NAMES = ('x', 'y', 'z', 'intensity', 'red', 'green', 'blue')
 # The numbers of a line, and the line of a missing return as Leica's programs write it.
@@ -50,13 +55,22 @@ _POSE = (3,) * 4 + (4,) * 4  # numbers of each line: position, three axes, matri
 
 
 def is_prose(path: Path) -> bool:
-    """Return whether a file named as a table is prose: no number in its first two rows."""
+    """Return whether a file named as a table is prose, so that no reader need try it.
+
+    It is a table that has a number in its first two rows, however it is written, or a row of
+    numbers in its first ones; what is not ASCII text at all is not prose either.
+    """
     if FORMATS.get(path.suffix.lower(), ('',))[0] != 'text':
         return False
-    with path.open(encoding='utf-8-sig', errors='surrogateescape') as stream:
-        lines = [stream.readline(MAX_LINE_BYTES) for _ in range(2)]
-    words = re.split(rf'[{_SEPARATORS}\n]', ''.join(lines))
-    return not any(_is_number(word) for word in words)
+    with path.open('rb') as stream:
+        lines = [stream.readline(MAX_LINE_BYTES) for _ in range(_FIRST_LINES)]
+    if any(b'\0' in line for line in lines):  # UTF-16, or binary
+        return False
+    lines = [line for line in lines if not line.lower().startswith(b'sep=')]
+    rows = [_WORD.findall(line.removeprefix(BOM_UTF8)) for line in lines]
+    counts = [sum(map(bool, map(_NUMBER.fullmatch, row))) for row in rows]
+    is_row = any(count > max(1, len(row) / 2) for count, row in zip(counts, rows, strict=True))
+    return not is_row and not any(counts[:2])
 
 
 class TextFile(RowFile):

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.stream_lines import StreamLines
 from lidar_outlier_filter.core.points.line_recovery import Claim, Decision
 from lidar_outlier_filter.core.points.points import Points, no_return
-from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError, printable
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -97,6 +97,8 @@ class Pipeline:
         self.requested_outputs = (True, True)
         self.statistics = Statistics()
         self._parameters = parameters
+        # A line break in the name of a field would begin a line of its own in a log.
+        inform, warn = _printing(inform), _printing(warn)
         self._inform, self._warn = inform, warn
         self._decoder = Decoder(parameters, inform, warn)
         self._lines: StreamLines[_PendingCloud] = StreamLines(parameters, self._say_lines)
@@ -398,3 +400,8 @@ def _line_chain(chain: Chain) -> Chain | None:
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
+
+
+def _printing(say: Callable[[str], object]) -> Callable[[str], object]:
+    """Return what escapes a sentence before it says it."""
+    return lambda text: say(printable(text))

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read a recording in the form of ROS 2; write a new bag that appears complete or not at all."""
 
-import re
+import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Self
 
+import yaml
 from mcap.reader import SeekingReader
 from rosbags.interfaces import Connection, QosDurability, QosLiveliness, QosTime
 from rosbags.rosbag1 import Reader as Reader1
@@ -17,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from lidar_outlier_filter.disk.new_files import FOLDER, new_files
-from lidar_outlier_filter.disk.sqlite_pages import damage_of
+from lidar_outlier_filter.disk.sqlite_pages import damage_of, open_logs
 from lidar_outlier_filter.errors import RecordingError, quote_error, refusing
 from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
@@ -26,8 +27,7 @@ from lidar_outlier_filter.recordings.remote_path import RecordingPath
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 
 MAX_MESSAGE_BYTES = 256_000_000  # bytes of a message, or of a chunk of messages, uncompressed
-MAX_ALIASES = 100  # in a metadata.yaml, where recorders write none
-_ALIAS = re.compile(r'(?<![^\s,\[{])\*\w')
+MAX_EXPANDED = 10_000_000  # characters of a metadata.yaml with aliases, once they are expanded
 MAX_BAG_TIME_NS = 2**63 - 1  # bag time, nanoseconds
 # The profile of a ROS 2 publisher that keeps ten messages; 0: the default of the middleware.
 RELIABLE = LATCHED._replace(
@@ -83,8 +83,9 @@ class Recording:
                 check_metadata(self.path)
                 reader = stack.enter_context(Reader2(self.path))
                 _check_index(reader, self._largest)
-                self._channels = ros2_channels(reader.connections)
                 self.message_count = sum(one.msgcount for one in reader.connections)
+                _connect_as_stored(reader)
+                self._channels = ros2_channels(reader.connections)
                 self.custom_data = texts_by_name(reader.storage.metadata.custom or {})
             self._reader = reader
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
@@ -157,8 +158,7 @@ def _check_databases(path: RecordingPath) -> None:
             continue
         if not isinstance(file, Path):
             raise RecordingError(f'the database {file}', 'copied to this machine', 'a store')
-        log = file.with_name(f'{file.name}-wal')
-        if log.is_file() and log.stat().st_size:
+        for log in open_logs(file):
             what, got = f'the recording {path}', f'messages in {log.name}'
             raise RecordingError(what, 'closed by its recorder', got)
         if wrong := damage_of(file):
@@ -166,12 +166,37 @@ def _check_databases(path: RecordingPath) -> None:
 
 
 def check_metadata(path: RecordingPath) -> None:
-    """Refuse a ``metadata.yaml`` whose aliases could expand to more than memory holds."""
+    """Refuse a ``metadata.yaml`` whose aliases expand to more than memory holds, or without end."""
     file = path / 'metadata.yaml'
-    if path.is_dir() and file.is_file():
-        count = len(_ALIAS.findall(file.read_text(encoding='utf-8')))
-        if count > MAX_ALIASES:
-            raise RecordingError(f'{file}', f'with at most {MAX_ALIASES} aliases', count)
+    if not (path.is_dir() and file.is_file()):
+        return
+    text = file.read_text(encoding='utf-8')
+    if '*' in text and _expanded(text) > MAX_EXPANDED:
+        got = 'more once its aliases are expanded'
+        raise RecordingError(f'{file}', f'of at most {MAX_EXPANDED} characters', got)
+
+
+def _expanded(text: str) -> float:
+    """Count characters and nodes of YAML, each alias expanded; inf: one is within itself."""
+    sizes: dict[str | None, float] = {}
+    open_nodes: list[tuple[str | None, float]] = [(None, 0.0)]
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            sizes[event.anchor] = math.inf
+            open_nodes.append((event.anchor, 1.0))
+            continue
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = open_nodes.pop()
+        elif isinstance(event, yaml.ScalarEvent):
+            anchor, size = event.anchor, 1.0 + len(event.value)
+        elif isinstance(event, yaml.AliasEvent):
+            anchor, size = None, sizes.get(event.anchor, 0.0)
+        else:
+            continue
+        sizes[anchor] = size
+        outer, before = open_nodes[-1]
+        open_nodes[-1] = (outer, before + size)
+    return open_nodes[0][1]
 
 
 def texts_by_name(data: object) -> dict[str, str]:
@@ -203,6 +228,28 @@ def _check_index(reader: Reader2, largest: int) -> None:
         if not _is_complete(part):
             must_be = 'with an index that names all of its messages'
             raise RecordingError(f'{part.path}', must_be, 'one that does not')
+
+
+def _connect_as_stored(reader: Reader2) -> None:
+    """Describe the connections of a bag folder as its files do, and by ``metadata.yaml`` the rest.
+
+    rosbags silently skips the messages of connections whose QoS or hash these say differently.
+    """
+    storage: Any = reader.storage
+    if not hasattr(storage, 'storages'):
+        return
+    found: list[Connection] = []
+    for said in storage.connections:
+        stored = [
+            said._replace(digest=one.digest or said.digest, ext=one.ext)
+            for part in storage.storages
+            for one in part.connections
+            if (one.topic, one.msgtype) == (said.topic, said.msgtype)
+        ]
+        if not any(one.ext.offered_qos_profiles for one in stored):
+            stored.append(said)
+        found += [one for number, one in enumerate(stored) if one not in stored[:number]]
+    storage.connections[:] = [one._replace(id=number) for number, one in enumerate(found, 1)]
 
 
 def _is_complete(part: McapReader) -> bool:

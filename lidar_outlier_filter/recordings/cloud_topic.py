@@ -18,6 +18,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
+from lidar_outlier_filter.parameters.declaration import MASK
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import MotionParameters
 from lidar_outlier_filter.pipeline.compressed import decompressed
@@ -133,10 +134,12 @@ class TopicReport:
     @property
     def untested_because(self) -> str:
         """Why no point could be tested; empty if one was, or if no cloud was filtered."""
-        if self.messages == self.refused or self.points > self.untested + self.invalid:
+        masked = self.rejected_by.get(MASK, 0)
+        if self.messages == self.refused or self.points > self.untested + self.invalid + masked:
             return ''
-        if self.points == self.invalid:
-            return 'all are missing returns' if self.points else 'its clouds have none'
+        if self.points == self.invalid + masked:
+            of_vehicle = ', or on the own vehicle' if masked else ''
+            return f'all are missing returns{of_vehicle}' if self.points else 'its clouds have none'
         lacks = {True: 'longer scan lines', False: 'more points'}
         needs = {name: lacks[DETECTORS[name].lines == 'needs'] for name in self.undecided_by}
         return ', '.join(f'{name} needs {what}' for name, what in needs.items())

@@ -24,7 +24,7 @@ from mcap.summary import Summary
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, writable
-from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
+from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of, open_logs
 from lidar_outlier_filter.errors import RecordingError, printable, quote_error, refusing
 from lidar_outlier_filter.recordings.bags import (
     NewBag,
@@ -36,7 +36,6 @@ from lidar_outlier_filter.recordings.bags import (
 from lidar_outlier_filter.recordings.channels import Topic, topic_of
 
 MAX_REASONS = 1000  # that are kept
-_LOGS = ('-wal', '-journal')  # of SQLite, beside a database
 
 # A message with its bag time, ns; without one, a topic that the file has.
 _Item = tuple['Topic', int, bytes | None]
@@ -351,9 +350,7 @@ def _database_topics(
 
 def _with_log(path: Path, folder: Path, losses: Losses) -> Path:
     """Merge the log beside a database into a copy of it, by SQLite."""
-    logs = [path.with_name(path.name + suffix) for suffix in _LOGS]
-    logs = [log for log in logs if log.is_file() and log.stat().st_size]
-    if not logs:
+    if not (logs := open_logs(path)):
         return path
     for file in (path, *logs):
         shutil.copyfile(file, folder / file.name)

@@ -203,7 +203,10 @@ def _from_the_side(
     inside &= judged.loaded.points.valid
     kept = inside & ~verdict.rejected
     _dots(axes, xyz[kept] - middle, along, '#8a929c', 3)
-    _dots(axes, xyz[inside & verdict.rejected] - middle, along, ABOVE if group.high else BELOW, 14)
+    rejected = np.flatnonzero(verdict.rejected)
+    for side, colour in ((judged.high, ABOVE), (~judged.high, BELOW)):
+        one = rejected[side & inside[rejected]]
+        _dots(axes, xyz[one] - middle, along, colour, 14)
     axes.set_xlim(-wide[along], wide[along])
     bottom, top = axes.get_ylim()
     axes.set_ylim(min(bottom, -TALL * worst.near), max(top, TALL * worst.near))

@@ -221,6 +221,7 @@ class FileSource:
         if loaded.rings:
             without = f'{loaded.rings} rings are recovered from elevation'
         how = loaded.lines or f'{loaded.lack}, {without}'
+        how += f'; coordinate system {file.crs}' if file.crs else ''
         x, y, z = [*(file.metres.get(name, 1.0) for name in names), 1.0][:3]
         unit = _unit_name(x) if x == z else f'{_unit_name(x)}, z in {_unit_name(z)}'
         self.found = SourceFacts(1, len(file), convention=how, units=(x, y, z), unit=unit)

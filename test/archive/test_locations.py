@@ -147,3 +147,13 @@ def test_what_is_not_there(address: str, sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence) as caught:
         locations.find(address)
     assert '\n' not in str(caught.value)
+
+
+def test_files_below_a_hidden_folder(tmp_path: Path) -> None:
+    """Hidden files and folders are passed over, but not what the given folder itself lies in."""
+    folder = tmp_path / '.cache' / 'survey'
+    for name in ('a.las', 'below/b.LAS', '.c.las', '.old/d.las', 'notes.md'):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    found = locations.find_files(folder, ('.las',))
+    assert [str(path.relative_to(folder)) for path in found] == ['a.las', 'below/b.LAS']

@@ -13,10 +13,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pytest
 from helpers import names
 from helpers.programs import ended
 from helpers.watching import fresh_copy
+from pyarrow import parquet
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli import compile as compile_notice
@@ -25,6 +28,7 @@ from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import read_parameters
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
 from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
@@ -194,6 +198,50 @@ def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> 
     assert 'Traceback' not in capsys.readouterr().err
 
 
+HOSTILE = '[/red] :smile: \x1b[2J\n[FATAL]'  # markup, an emoji, and what a terminal obeys
+SHOWN = '[/red] :smile: \\x1b[2J\\n[FATAL]'
+
+
+@pytest.mark.parametrize('verb', ['info', 'clean'])
+def test_names_that_are_markup(verb: str, tmp_path: Path, capsys: Capture) -> None:
+    """Names of columns and files are printed as they are, and a terminal obeys nothing in them."""
+    path = tmp_path / f'{HOSTILE}.parquet'
+    path.parent.mkdir()
+    columns = {name: np.arange(60.0) % 7 for name in 'xyz'}
+    parquet.write_table(pa.table({**columns, HOSTILE: np.arange(60)}), path)
+    chain = [] if verb == 'info' else ['--chain', 'sor']
+    assert main([verb, str(path), *chain]) == 0
+    said = ''.join(capsys.readouterr())
+    assert '\x1b' not in said
+    assert ':smile:' in said
+    assert 'Traceback' not in said
+    if verb == 'info':
+        assert SHOWN in said
+
+
+def test_real_markup(real_data: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So are those of a CSV file and of a recording."""
+    monkeypatch.setenv('COLUMNS', '200')
+    for name in ('markup.csv', 'markup_bag'):
+        assert main(['info', str(real_data / 'hostile' / name)]) == 0
+    said = ''.join(capsys.readouterr())
+    assert '│ [/red] ' in said
+    assert '\x1b' not in said
+
+
+def test_bar_of_a_file_that_is_markup(tmp_path: Path) -> None:
+    """So are those that a bar names."""
+    path = tmp_path / '[red]a[b].csv'
+    path.write_text('x,y,z\n' + '1,2,3\n4,5,6\n' * 30)
+    leader, terminal = pty.openpty()
+    command = [*RUN, 'clean', str(path), '--chain', 'sor']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen, _ = read_terminal(leader), process.communicate()
+    assert process.returncode == 0
+    assert b'[red]a[b].csv' in screen
+
+
 @pytest.mark.parametrize(
     ('line', 'expected'),
     [
@@ -264,3 +312,17 @@ def test_what_is_compiled_is_said_before(
     assert before.startswith('compiling, ')
     assert before.endswith(': lof; sor\n')
     assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')
+
+
+def test_parameter_files_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """A file of config/ is found where the pages' commands run outside of the sources."""
+    monkeypatch.chdir(tmp_path)
+    found = read_parameters([Path('config/classic.yaml')], [])
+    installed = config_folder() / 'classic.yaml'
+    assert found == read_yaml(installed)
+    assert capsys.readouterr().err == f'config/classic.yaml is that of the package, {installed}\n'
+    (tmp_path / 'config').mkdir()
+    (tmp_path / 'config' / 'classic.yaml').write_text('/**:\n  ros__parameters:\n    block: 0.5\n')
+    assert read_parameters([Path('config/classic.yaml')], []) == {'block': 0.5}

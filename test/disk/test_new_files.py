@@ -4,6 +4,7 @@
 
 import fcntl
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -56,7 +57,7 @@ def test_refused(tmp_path: Path) -> None:
         ([tmp_path / 'a', tmp_path / 'other' / '..' / 'a'], 'the outputs must be different files'),
         (
             [tmp_path / 'no' / 'a'],
-            'the output .*a must be written in full, got "No such file or directory"',
+            'the output must be in a folder that exists, got .*a',
         ),
     ):
         with pytest.raises(FilterError, match=sentence), new_files(paths):
@@ -244,26 +245,50 @@ print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
 
 
 def test_what_is_left_is_removed(tmp_path: Path) -> None:
-    """A folder whose lock is free, or missing, was left by a killed run; one that is held stays."""
+    """A folder whose lock is free was left by a killed run; one that is held stays.
+
+    So does one without a lock, which no run made, whatever its name.
+    """
     output = tmp_path / 'out.las'
-    for name in ('free', 'held', 'files', 'empty', 'x-gone'):
+    for name in ('free', 'held', 'mine', 'empty', 'free-gone', 'mine-gone'):
         (tmp_path / f'.out.las.partial-{name}').mkdir()
     (tmp_path / '.out.las.partial-link').symlink_to(tmp_path)
     (tmp_path / '.other.las.partial-free').mkdir()
-    for name in ('files', 'x-gone'):
+    for name in ('free', 'mine', 'free-gone', 'mine-gone'):
+        (tmp_path / f'.out.las.partial-{name}' / 'below').mkdir()
         (tmp_path / f'.out.las.partial-{name}' / 'out.las').touch()
-    for name in ('free', 'held'):
+    for name in ('free', 'held', 'free-gone'):
         (tmp_path / f'.out.las.partial-{name}' / LOCK).touch()
     with (tmp_path / '.out.las.partial-held' / LOCK).open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with hidden_folder(output) as folder, hidden_folder(output) as other:
             assert folder != other
             assert folder.is_dir()
-    kept = (
+    kept = ('held', 'link', 'mine', 'mine-gone')
+    assert {path.name for path in tmp_path.iterdir()} == {
         '.other.las.partial-free',
-        *(f'.out.las.partial-{name}' for name in ('held', 'link')),
-    )
-    assert {path.name for path in tmp_path.iterdir()} == set(kept)
+        *(f'.out.las.partial-{name}' for name in kept),
+    }
+    for name in ('mine', 'mine-gone'):
+        found = sorted(path.name for path in (tmp_path / f'.out.las.partial-{name}').iterdir())
+        assert found == ['below', 'out.las']
+
+
+def test_a_removal_that_is_killed_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lock is the last file that goes, so the next run knows whose the rest is."""
+    original, removed = os.unlink, list[str]()
+
+    def unlink(path: Any, *arguments: Any, **options: Any) -> None:
+        removed.append(Path(path).name)
+        original(path, *arguments, **options)
+
+    monkeypatch.setattr(os, 'unlink', unlink)
+    with hidden_folder(tmp_path / 'out') as folder:
+        for name in ('.a', 'z'):
+            (folder / name).touch()
+    assert removed[-1] == LOCK
 
 
 @pytest.mark.parametrize('moment', ['mkdtemp', '_take', 'before _take'])
@@ -288,6 +313,57 @@ def test_a_folder_removed_before_its_lock(
         assert (folder / LOCK).is_file()
         assert list(tmp_path.iterdir()) == [folder]
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from lidar_outlier_filter.disk import new_files
+from lidar_outlier_filter.disk.new_files import new_files as make
+publish, left = new_files.publish, [int(sys.argv[1])]
+def killed(built, path):
+    if not left[0]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left[0] -= 1
+    publish(built, path)
+new_files.publish = killed
+with make([Path(name) for name in sys.argv[2:]]) as built:
+    for path in built:
+        path.write_text(path.name)
+"""
+
+
+@pytest.mark.parametrize('named', [0, 1, 2])
+def test_a_run_that_is_killed_between_two_names(tmp_path: Path, named: int) -> None:
+    """The next run for the same outputs gives the rest their names, and refuses to do more."""
+    (tmp_path / 'other').mkdir()
+    paths = [tmp_path / 'a', tmp_path / 'other' / 'b', tmp_path / 'c']
+    command = [sys.executable, '-c', KILLED, str(named), *map(str, paths)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert sum(path.exists() for path in paths) == named
+    with pytest.raises(FilterError, match='which exists'), new_files(paths):
+        pytest.fail('never comes here')
+    assert [path.read_text() for path in paths] == ['a', 'b', 'c']
+    for path in paths:
+        path.unlink()
+    with new_files(paths) as built:
+        for path in built:
+            path.write_text('new')
+    assert [path.read_text() for path in paths] == ['new'] * 3
+    assert (names(tmp_path), names(tmp_path / 'other')) == (['a', 'c', 'other'], ['b'])
+
+
+def test_an_output_that_was_removed_since(tmp_path: Path) -> None:
+    """Where somebody removed an output of a killed run, the rest of that run is removed, too."""
+    paths = [tmp_path / 'a', tmp_path / 'b']
+    command = [sys.executable, '-c', KILLED, '1', *map(str, paths)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    paths[0].unlink()
+    with new_files(paths) as built:
+        for path in built:
+            path.write_text('new')
+    assert [path.read_text() for path in paths] == ['new', 'new']
+    assert names(tmp_path) == ['a', 'b']
 
 
 def run_where_full(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -228,3 +228,26 @@ def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
         )
     assert [name for name in names(folder) if 'out.laz' in name] == ['out.laz', 'out.laz.json']
     assert json.loads((folder / 'out.laz.json').read_text())['options']['rejected'] == 'mark'
+
+
+MASK = '# own vehicle, 720 columns, metres\nring,column,near,far\n0,0,0.500,1.500\n'
+FEW = 'x,y,z,ring,t\n1,0.001,0,0,0\n' + ''.join(f'{i},{i},0,0,0.00{i}\n' for i in range(5, 9))
+
+
+@pytest.mark.parametrize('is_real', [False, True])
+def test_untested_beside_the_own_vehicle(
+    tmp_path: Path, request: pytest.FixtureRequest, capsys: Capture, *, is_real: bool
+) -> None:
+    """A file is untested if all of its points are, but those on the own vehicle."""
+    path, mask = tmp_path / 'untested.csv', tmp_path / 'untested_mask.csv'
+    path.write_text(FEW)
+    mask.write_text(MASK)
+    if is_real:
+        folder = request.getfixturevalue('real_data') / 'hostile'
+        path, mask = folder / path.name, folder / mask.name
+    output = tmp_path / 'out.csv'
+    words = ['clean', str(path), '--set', f'mask={mask}', '--output', str(output)]
+    assert main(words) == 3
+    assert 'could test none of its points' in capsys.readouterr().err
+    log = json.loads((tmp_path / 'out.csv.json').read_text())
+    assert (log['masked'], log['points'] - log['untested']) == (1, 1)

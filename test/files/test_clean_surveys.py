@@ -14,8 +14,9 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.mask import HEAD, NAMES
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report import figures, worst
 
 Capture = pytest.CaptureFixture[str]
 
@@ -135,6 +136,34 @@ def test_the_picture(cloud: Path, capsys: Capture) -> None:
     assert sorted(path.name for path in cloud.parent.iterdir()) == ['a.las', 'worst.png']
 
 
+def test_side_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every rejected point has the colour of its own side; places are in the unit of the file."""
+    xyz, classes = floor()
+    xyz[BIRD, :2] = xyz[LOW, :2] = 10.0
+    path = write_las(tmp_path / 'a.las', xyz, classes)
+    drawn: dict[str, list[float]] = {figures.ABOVE: [], figures.BELOW: []}
+
+    def note(_axes: object, points: Any, _along: int, colour: str, _size: float) -> None:
+        if colour in drawn:
+            drawn[colour] += np.round(points[:, 2] / 0.3048).tolist()
+
+    def draw(judged: JudgedFile) -> None:
+        found = worst.find(judged)
+        assert sorted(np.round(group.middle).tolist() for group in found.groups) == [
+            [10, 10, -30],
+            [10, 10, 30],
+        ]
+        figures.draw_worst(judged, found, tmp_path / 'a.png')
+
+    monkeypatch.setattr(figures, '_dots', note)
+    parameters = FilterParameters().changed({'chain': ['sor']})
+    options = CleanOptions(dry=True, unit='ft')
+    clean_file(path, tmp_path / 'out.las', parameters, options, inspect=draw)
+    # From the middle of either group; each is seen in the view of the other.
+    assert sorted(drawn[figures.ABOVE]) == [0, 60]
+    assert sorted(drawn[figures.BELOW]) == [-60, 0]
+
+
 def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
     """It prints rejected points by detector and by class."""
     assert main(['clean', str(cloud), '--dry-run', '--keep-classes', '1']) == 0
@@ -178,3 +207,66 @@ def test_high_and_low() -> None:
     xyz[:40, 2] += np.where(np.arange(40) % 2, 15.0, -15.0)
     assert is_high(xyz, ~rejected, rejected).tolist() == (np.arange(40) % 2 == 1).tolist()
     assert not is_high(xyz, np.zeros(len(xyz), np.bool_), rejected).any()
+
+
+def test_failures_of_a_folder_name_the_file(tmp_path: Path, capsys: Capture) -> None:
+    """Where a sentence does not name its file, the file comes before it."""
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    rows = ''.join(f'{x},{y},{z}\n' for x, y, z in ROWS)
+    (folder / 'far.csv').write_text(f'x,y,z\n1e12,0,0\n{rows}')
+    (folder / 'near.csv').write_text(f'x,y,z\n{rows}')
+    assert main(['clean', str(folder), '--chain', 'sor']) == 3
+    said = capsys.readouterr().err
+    assert f'{folder}/far.csv: the coordinates of a point must be within' in said
+
+
+ROWS = [(i % 9, i % 7, i / 10) for i in range(50)]
+HARD = {
+    'quoted.csv': 'name,x,y,z\n' + ''.join(f'"a","{x}","{y}","{z}"\n' for x, y, z in ROWS),
+    'excel.csv': 'sep=;\nx;y;z\n' + ''.join(f'{x};{y};{z}\n' for x, y, z in ROWS),
+    'fortran.xyz': ''.join(f'{x}.0D+02 {y}.0D+02 {z}D+00\n' for x, y, z in ROWS),
+    'commented.txt': 'a scan\nof a street\n\n' + ''.join(f'{x} {y} {z}\n' for x, y, z in ROWS),
+    'leica.pts': '50\n' + ''.join(f'{x} {y} {z} 7\n' for x, y, z in ROWS),
+}
+
+
+def test_clouds_that_cannot_be_read(tmp_path: Path, capsys: Capture) -> None:
+    """In a folder they are failures that are named, not skipped; what is read alone is read."""
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    for name, text in HARD.items():
+        (folder / name).write_text(text)
+    (folder / 'utf16.csv').write_text(HARD['excel.csv'], encoding='utf-16')
+    (folder / 'notes.txt').write_text('A street in May,\nscanned in light rain.\n')
+    alone = {
+        one.name: main(['clean', str(one), '--chain', 'sor', '--output', f'{tmp_path / one.name}'])
+        for one in sorted(folder.iterdir())
+    }
+    assert alone['quoted.csv'] == 0
+    capsys.readouterr()
+    assert main(['clean', str(folder), '--chain', 'sor']) == 3
+    said = capsys.readouterr()
+    assert said.err.count('is skipped') == 1
+    assert 'notes.txt is skipped' in said.err
+    for name, status in alone.items():
+        if name != 'notes.txt':
+            assert (name in said.err) == (status != 0), name
+            assert (tmp_path / 'run_cleaned' / f'{Path(name).stem}_cleaned.csv').exists() <= (
+                status == 0
+            )
+
+
+def test_names_in_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Each file of a folder has one line, with its whole name."""
+    monkeypatch.setenv('COLUMNS', '80')
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    listed = [f'survey_of_the_northern_valley_tile_{number:03}.csv' for number in range(3)]
+    for name in listed:
+        (folder / name).write_text('x,y,z\n' + ''.join(f'{x},{y},{z}\n' for x, y, z in ROWS))
+    assert main(['clean', str(folder), '--chain', 'sor']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [sum(f'│ {name} ' in line for line in lines) for name in listed] == [1, 1, 1]

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """E57: scans in one frame, missing returns that stay, and a copy that is PLY."""
 
+import os
 import tracemalloc
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -88,6 +90,7 @@ def test_copy_is_ply(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns(copy, name)[0], values[keep])
 
 
+XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 COUNTED = b'recordCount="50"'
 
 
@@ -113,6 +116,46 @@ def test_wrong_counts(tmp_path: Path, said: str, sentence: str) -> None:
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < LITTLE
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('<e57Root ', '<!DOCTYPE e57Root SYSTEM "file://FIFO"><e57Root '),
+        ('<e57Root ', '<!DOCTYPE e [<!ENTITY a "lol"><!ENTITY b "&a;&a;">]><e57Root '),
+        ('<e57Root ', f'<e57Root {XSI} xsi:schemaLocation="urn:a file://FIFO" '),
+        ('<e57Root ', f'<e57Root {XSI} xsi:noNamespaceSchemaLocation="file://FIFO" '),
+    ],
+)
+def test_references_in_xml(tmp_path: Path, old: str, new: str) -> None:
+    """XML that names other files, or has entities, is refused: nothing is read, nothing waits."""
+    path = write_e57(tmp_path / 'one.e57', [cartesian(1)])
+    os.mkfifo(tmp_path / 'fifo')
+    new = new.replace('FIFO', str(tmp_path / 'fifo'))
+    path.write_bytes(reworded(path.read_bytes(), old.encode(), new.encode()))
+    begin = perf_counter()
+    with pytest.raises(CloudError, match=r'XML of .* must be without references to other files'):
+        open_cloud(path)
+    assert perf_counter() - begin < 1
+
+
+def test_encoding_of_xml(tmp_path: Path) -> None:
+    """XML in another encoding than UTF-8, in which a reference is not seen, is refused."""
+    path = write_e57(tmp_path / 'one.e57', [cartesian(1)])
+    data = path.read_bytes()
+    path.write_bytes(reworded(data, b'encoding="UTF-8"', b'encoding="UTF-7"'))
+    with pytest.raises(CloudError, match=r"must be in UTF-8, got 'UTF-7'"):
+        open_cloud(path)
+    path.write_bytes(reworded(data, b'encoding="UTF-8"', b'encoding="UTF-8"\0'))
+    with pytest.raises(CloudError, match=r'must be in UTF-8, got'):
+        open_cloud(path)
+
+
+@pytest.mark.parametrize('name', ['bomb9.e57', 'dtd_http.e57'])
+def test_hostile_xml(real_data: Path, name: str) -> None:
+    """So are entities that unpack to gigabytes, and a DTD at an address."""
+    with pytest.raises(CloudError, match=r"without references to other files, got '<!DOCTYPE'"):
+        open_cloud(real_data / 'hostile' / name)
 
 
 def test_what_makes_no_sense(tmp_path: Path) -> None:

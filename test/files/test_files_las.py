@@ -119,6 +119,18 @@ def test_every_point_format(tmp_path: Path, point_format: int, suffix: str) -> N
     assert raw(copied(path, change)).tobytes() == expected.tobytes()
 
 
+@pytest.mark.parametrize('suffix', ['.las', '.laz'])
+def test_las_1_0(tmp_path: Path, suffix: str) -> None:
+    """The first version is read and copied; the copy says the version of the file."""
+    path = patch(make(tmp_path / f'old{suffix}', 1, '1.2'), 25, b'\0')
+    copy = copied(path, Change(noise=np.ones(1000, np.bool_)))
+    assert copy.read_bytes()[24:26] == b'\1\0'
+    assert open_cloud(copy).about['LAS'] == '1.0'
+    for name, values in zip(open_cloud(path).columns, columns(path), strict=True):
+        expected = np.full(1000, 7) if name == 'classification' else values
+        np.testing.assert_array_equal(columns(copy, name)[0], expected)
+
+
 def test_header_and_records(tmp_path: Path) -> None:
     """Copies keep the header's texts, the records, and bytes between them."""
     path = make(tmp_path / 'made.las')
@@ -171,6 +183,35 @@ def test_added_columns(tmp_path: Path, point_format: int) -> None:
     np.testing.assert_array_equal(after['heat'], before['heat'])
     assert b'someone' in b''.join(records(copy))
     assert records(copy, extended=True) == records(path, extended=True)
+
+
+def test_descriptions_of_extra_dimensions(tmp_path: Path) -> None:
+    """Those of the file stay, byte by byte; an added one says its least and largest value."""
+    path, count = tmp_path / 'extra.las', 50
+    header = laspy.LasHeader(version='1.4', point_format=6)
+    named = laspy.ExtraBytesParams
+    header.add_extra_dims([named('height', np.int16, no_data=[-9999]), named('amp', 'u2', 'dB')])
+    points = laspy.LasData(header)
+    points.X = np.arange(count)
+    points.height = np.full(count, -9999)
+    points.write(path)
+    score = np.linspace(0.25, 4, count).astype(np.float32)
+    score[:2] = np.nan
+    added = {'score': score, 'bits': np.full(count, 64, np.uint16), 'none': score * np.nan}
+    (before,) = (one[54:] for one in records(path) if one[2:11] == b'LASF_Spec')
+    for keep in (None, score < 3):
+        copy = copied(path, Change(keep, added=added))
+        (after,) = (one[54:] for one in records(copy) if one[2:11] == b'LASF_Spec')
+        assert after[: len(before)] == before
+        said = [after[begin : begin + 192] for begin in range(len(before), len(after), 192)]
+        assert [one[3] for one in said] == [6, 6, 0]
+        largest = np.nanmax(score[slice(None) if keep is None else keep])
+        limits = [
+            struct.unpack_from('<d16xd', said[0], 64),
+            struct.unpack_from('<Q16xQ', said[1], 64),
+        ]
+        assert limits == [(np.nanmin(score), largest), (64, 64)]
+        copy.unlink()
 
 
 def test_las_and_laz_are_one_format(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parquet: schema, metadata, row groups, compression and all other columns are kept."""
 
+import tracemalloc
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.judged_file import CleanOptions, judge_file
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COUNT = 1000
 
@@ -135,3 +138,19 @@ def test_times_with_a_zone(tmp_path: Path, zone: str, unit: str) -> None:
     parquet.write_table(pa.Table.from_arrays([times] * 2, names=['x', 'x']), path)
     with pytest.raises(CloudError, match='must be of different names, got x'):
         open_cloud(path)
+
+
+def test_more_points_than_are_judged(tmp_path: Path) -> None:
+    """A small file of very many points is refused by its footer, before memory is allocated."""
+    path, count = tmp_path / 'flat.parquet', 3_000_000
+    column = pa.DictionaryArray.from_arrays(np.zeros(count, np.int32), [0.5])
+    table = pa.table(dict.fromkeys('xyz', column.dictionary_decode()))
+    parquet.write_table(table, path, compression='zstd', row_group_size=count)
+    assert path.stat().st_size < count / 50
+    file = open_cloud(path)
+    parameters = FilterParameters().changed({'max_points': count - 1, 'chain': ['sor']})
+    tracemalloc.start()
+    with pytest.raises(CloudError, match=f'at most max_points = {count - 1}, .*, got {count}'):
+        judge_file(file, CleanOptions(), parameters)
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()

@@ -10,7 +10,11 @@ from helpers.cloud_files import columns, copied, every_third, verdict
 from helpers.hostile import COUNT, FORMATS, whole_file
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file, points
+from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
+from lidar_outlier_filter.files.judged_file import describe_file
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 EXACT = [kind for kind in FORMATS if kind not in {'laz', 'pcd binary_compressed', 'e57', 'db'}]
 MODULES = ('rows', 'las', 'e57', 'parquet', 'sqlite')
@@ -132,3 +136,24 @@ def test_wrong_counts(path: Path, kind: str) -> None:
             path.write_bytes(other.replace(rows % count, rows % said, 1))
         with pytest.raises(CloudError, match=r' must be '):
             columns(path)
+
+
+@pytest.mark.parametrize('kind', ['pcd binary', 'ply binary_little_endian', 'parquet'])
+def test_signalling_nan(tmp_path: Path, kind: str) -> None:
+    """Of a signalling NaN, which any bytes may be, no warning comes: the point is missing."""
+    path = tmp_path / f'a.{kind.partition(" ")[0]}'
+    whole_file(kind, path)
+    (x, *_) = next(cloud_file.read(open_cloud(path), ['x']))
+    data = path.read_bytes()
+    assert data.count(x[3].tobytes()) == 1
+    path.write_bytes(data.replace(x[3].tobytes(), b'\x01\x00\x80\x7f'))
+    loaded = points.load(open_cloud(path), ('x', 'y', 'z'), FilterParameters())
+    assert np.flatnonzero(~loaded.points.valid).tolist() == [3]
+    describe_file(path)
+
+
+def test_a_file_that_warned(real_data: Path, tmp_path: Path) -> None:
+    """A file is refused in one sentence, without a warning before it."""
+    path = real_data / 'hostile' / 'warning.ply'
+    with pytest.raises(CloudError, match='must be within'):
+        clean_file(path, tmp_path / 'out.ply', FilterParameters())

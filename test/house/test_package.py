@@ -142,7 +142,10 @@ def test_package_xml_is_valid() -> None:
     assert package.package_format == 3
     assert package.get_build_type() == 'ament_python'
     assert package.version == setup_argument('version') == lidar_outlier_filter.__version__
-    assert f'\nversion: {package.version}\n' in (ROOT / 'CITATION.cff').read_text()
+    cited = (ROOT / 'CITATION.cff').read_text()
+    assert f'\nversion: {package.version}\n' in cited
+    (released,) = re.findall(r'\ndate-released: (.*)\n', cited)
+    assert f'{package.version} ({released})\n' in (ROOT / 'CHANGELOG.rst').read_text()
 
 
 def test_package_xml_lists_what_is_imported() -> None:

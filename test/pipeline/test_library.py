@@ -255,3 +255,16 @@ def test_refusals(
     with pytest.raises(error, match=re.escape(sentence)) as refusal:
         detect_outliers(xyz, **others)
     assert type(refusal.value) is error
+
+
+def test_names_of_fields_in_a_log() -> None:
+    """A line break or an escape sequence in the name of a field reaches no log."""
+    said: list[str] = []
+    message = to_rosbags(cloud(drive(3)))
+    for field in message.fields:
+        if field.name not in {'x', 'y', 'z', 't', 'time'}:
+            field.name = f'{field.name}\n\x1b[31m[FATAL] all is lost'
+    stream = CloudFilter(chain=['sor'], inform=said.append, warn=said.append)
+    stream.push(message)
+    assert any('[FATAL]' in text for text in said)
+    assert all(text.isprintable() for text in said)

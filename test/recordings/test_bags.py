@@ -4,6 +4,7 @@
 
 import sqlite3
 from dataclasses import astuple, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,30 @@ def copy(source: Path, target: Path) -> Path:
         for topic, time, data in recording.messages():
             bag.write(topic, time, data)
     return target
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+@pytest.mark.parametrize(
+    ('qos', 'digest'),
+    [([], ''), ('of another', 'RIHS01_' + 'cd' * 32), ([], 'RIHS01_' + 'cd' * 32)],
+)
+def test_metadata_that_says_another_qos(
+    tmp_path: Path, plugin: StoragePlugin, qos: Any, digest: str
+) -> None:
+    """Where metadata.yaml says another QoS or hash than the files, all is read as the files say."""
+    source = write_bag(tmp_path / 'source', plugin)
+    path = source / 'metadata.yaml'
+    data = yaml.safe_load(path.read_text())
+    topics = data['rosbag2_bagfile_information']['topics_with_message_count']
+    other = topics[0]['topic_metadata']['offered_qos_profiles'] if qos else []
+    for one in topics:
+        one['topic_metadata'] |= {'offered_qos_profiles': other, 'type_description_hash': digest}
+    path.write_text(yaml.safe_dump(data))
+    with Recording(source) as recording:
+        assert recording.message_count == len(MESSAGES)
+        assert len(list(recording.messages())) == len(MESSAGES)
+        assert [topic.name for topic in recording.topics] == [topic.name for topic in TOPICS]
+        assert [topic.qos for topic in recording.topics[:2]] == [t.qos for t in TOPICS[:2]]
 
 
 def described(connections: list[Connection]) -> list[tuple[object, ...]]:
@@ -301,12 +326,14 @@ def read_all(path: Path) -> int:
 def test_log_of_a_database(tmp_path: Path) -> None:
     """Messages in the log beside a database would be lost: refused; an empty log loses nothing."""
     source = write_bag(tmp_path / 'source', StoragePlugin.SQLITE3)
-    for path in (source, source / 'source.db3'):
-        (source / 'source.db3-wal').write_bytes(b'')
+    for path, ending in product((source, source / 'source.db3'), ('wal', 'journal')):
+        log = source / f'source.db3-{ending}'
+        log.write_bytes(b'')
         assert read_all(path) == len(MESSAGES)
-        (source / 'source.db3-wal').write_bytes(b'messages')
-        with pytest.raises(RecordingError, match='must be closed by its recorder'):
+        log.write_bytes(b'messages')
+        with pytest.raises(RecordingError, match=f'closed by its recorder, got .*-{ending}'):
             read_all(path)
+        log.unlink()
 
 
 def test_other_encoding_is_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 """Recordings that lie about their messages, their index and their size; files that are pipes."""
 
 import os
+import re
 import shutil
 import struct
 import tracemalloc
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
 from lidar_outlier_filter.cli.main import main
@@ -25,6 +27,11 @@ def drive(recordings: Path, tmp_path: Path) -> Path:
     return shutil.copytree(
         recordings / 'bags' / 'vlp16_mrpt_mcap', tmp_path / 'drive', copy_function=shutil.copyfile
     )
+
+
+BOMB = 'a0: &a0 [lol]\n' + ''.join(
+    f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]\n' for i in range(1, 10)
+)
 
 
 def read_all(path: Path, largest: int = 10**9) -> int:
@@ -48,7 +55,8 @@ def read_all(path: Path, largest: int = 10**9) -> int:
         ('rosbag2_bagfile_information:', 'rosbag2_bagfile_information:\n  custom_data: [1]'),
         ('rosbag2_bagfile_information:', 'rosbag2_bagfile_information:\n  custom_data: {a: 1}'),
         ('rosbag2_bagfile_information:', 'other:'),
-        ('rosbag2_bagfile_information:', f'a: &a [{"*a, " * 200}]\nrosbag2_bagfile_information:'),
+        ('rosbag2_bagfile_information:', 'a: &a [*a]\nrosbag2_bagfile_information:'),
+        ('rosbag2_bagfile_information:', f'{BOMB}rosbag2_bagfile_information:'),
     ],
 )
 def test_metadata(
@@ -65,6 +73,39 @@ def test_metadata(
     assert ' must be ' in said
     assert 'Traceback' not in said
     assert [item.name for item in tmp_path.iterdir()] == ['drive']
+
+
+@pytest.mark.parametrize('is_real', [True, False])
+def test_aliases_are_not_expanded(
+    drive: Path,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    *,
+    is_real: bool,
+) -> None:
+    """Of aliases that expand to gigabytes, salvage names one loss, and reads the messages."""
+    path = drive / 'metadata.yaml'
+    mode = re.sub('compression_mode: .*', 'compression_mode: *a9', path.read_text())
+    path.write_text(BOMB + mode)
+    if is_real:
+        drive = request.getfixturevalue('real_data') / 'hostile' / 'alias_bomb_bag'
+    tracemalloc.start()
+    with salvaged(drive, tmp_path / 'out', 10**9) as (_, losses):
+        assert tracemalloc.get_traced_memory()[1] < 100_000_000
+        assert losses.reasons[0].startswith('metadata.yaml: "')
+        assert 'more once its aliases are expanded' in losses.reasons[0]
+    tracemalloc.stop()
+
+
+def test_few_aliases_are_read(drive: Path) -> None:
+    """What programs write that meet one value several times is read."""
+    path = drive / 'metadata.yaml'
+    data = yaml.safe_load(path.read_text())
+    about = data['rosbag2_bagfile_information']
+    about['files'] = [about['files'][0]] * 200
+    path.write_text(yaml.safe_dump(data))
+    assert path.read_text().count('*id') > 100
+    assert read_all(drive) == 4
 
 
 @pytest.mark.parametrize('name', ['drive.mcap', 'drive.db3', 'drive.bag', 'drive'])

@@ -174,3 +174,12 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     path.write_text('x,y,note\n1,nan,a\n-2.5,7,b\n')
     info = describe_file(path)
     assert (info.points, info.extent) == (2, {'x': (-2.5, 1.0), 'y': (7.0, 7.0)})
+
+
+def test_a_sensor_that_turns_clockwise() -> None:
+    """The step in azimuth has no sign."""
+    turned = rings([-15.0, 15.0])
+    xyz = turned.xyz * np.array([1.0, -1.0, 1.0])
+    found = scan_geometry(StreamCloud(Points(xyz, turned.t, turned.line, turned.valid)))
+    assert found is not None
+    assert found.azimuth == pytest.approx(1)

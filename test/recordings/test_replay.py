@@ -22,6 +22,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingError
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.cloud_topic import TopicReport
 from lidar_outlier_filter.recordings.replay import replay
 
 
@@ -281,3 +282,33 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
     assert len(minutes) == 5
     growth = (minutes[-1] - minutes[0]) / 4
     assert minutes[0] + 59 * max(growth, 0.0) < 500_000
+
+
+@pytest.mark.parametrize(
+    ('untested', 'invalid', 'masked', 'because'),
+    [
+        (8, 0, 2, 'sor needs more points'),
+        (0, 5, 5, 'all are missing returns, or on the own vehicle'),
+        (0, 10, 0, 'all are missing returns'),
+        (7, 0, 2, ''),
+    ],
+)
+def test_untested_beside_the_own_vehicle(
+    untested: int, invalid: int, masked: int, because: str
+) -> None:
+    """Points on the own vehicle are not tested either."""
+    report = TopicReport(
+        topic='/points',
+        messages=1,
+        points=10,
+        rejected=masked,
+        untested=untested,
+        invalid=invalid,
+        dropped=0,
+        refused=0,
+        refusals={},
+        rejected_by={'sor': 0, 'mask': masked},
+        undecided_by={'sor': untested},
+        sentences={},
+    )
+    assert report.untested_because == because

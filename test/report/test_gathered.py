@@ -36,10 +36,10 @@ from lidar_outlier_filter.recordings.info import describe_recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import steps, worst
-from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, SharedInputs, features
+from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, NEAR, SharedInputs, features
 from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
-from lidar_outlier_filter.report.points import SCORE_UNIT, UNTESTED, reason_numbers
+from lidar_outlier_filter.report.points import LIVE, SCORE_UNIT, UNTESTED, reason_numbers, thin
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource, saved_columns
 from lidar_outlier_filter.report.steps import BITS, MAX_FACTOR, all_values, choose_steps
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
@@ -375,3 +375,15 @@ def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main([*arguments, *options]) == 1
     assert main(['report', str(snow), '--points', '0', '--output', str(tmp_path / 'x')]) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ['figures', 'report.html']
+
+
+def test_points_near_the_threshold_are_kept_before_others() -> None:
+    """Of too many points the rejected ones stay, then those near the threshold, then a sample."""
+    rows = np.zeros(90, LIVE)
+    rows['score'] = np.repeat([0.0, (1 + NEAR) / 2, 2.0], 30)
+    rows['rejected'] = rows['score'] > 1
+    rows['order'] = np.random.default_rng(5).permutation(90)
+    for most, scores in ((40, [2.0, (1 + NEAR) / 2]), (70, [2.0, (1 + NEAR) / 2, 0.0])):
+        kept = np.sort(thin(rows, most)['score'])[::-1]
+        expected = np.repeat(scores, 30)[:most].astype(np.float32)
+        np.testing.assert_array_equal(kept, expected)

@@ -428,6 +428,9 @@ def test_a_file_in_feet(tmp_path: Path, browser: Browser) -> None:
     with opened(browser, tmp_path / 'report.html', DESKTOP) as page:
         wait_for_drawing(page)
         assert 'as in the file, ft' in text_of(page, '#found')
+        assert 'NAD83 / Oregon' in text_of(page, '#found')
+        assert not page.locator('#time').is_visible()
+        assert 'running node' not in text_of(page, '#settings')
         for label, colour, legend in (
             ('RGB', '#20c040', 'rejected'),
             ('class', '#009e73', 'class 2'),

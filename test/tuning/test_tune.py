@@ -109,6 +109,21 @@ def test_the_node_loads_the_file(tuned: tuple[Path, str], ros: Ros) -> None:
     assert node.filter_parameters == FilterParameters().changed(values)
 
 
+def test_a_limit_that_cannot_be_kept(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Where all values tried lose more good points than --most-lost, no file is written."""
+    output = tmp_path / 'tuned.yaml'
+    words = ['tune', str(bag), '--set', 'chain=[sor]', '--search', 'sor.multiplier=0.01,0.02']
+    words += ['--keep', 'sor.k', '--most-lost', '0.001', '--output', str(output)]
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert 'good points lost' in said.out
+    assert re.search(
+        r'^the share of good points lost must be at most 0\.001 \(--most-lost\) .* got 0\.',
+        said.err,
+    )
+    assert not output.exists()
+
+
 def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
     """A clean recording needs no labels; the file is beside it, and says what it comes from."""
     clean = [cloud[cloud['label'] == 0] for cloud in drive(30, 300)]

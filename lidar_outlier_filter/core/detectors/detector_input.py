@@ -104,7 +104,8 @@ class DetectorInput:
         detect : of points that are sorted by line and time, and of their lines
 
         """
-        order = scan_lines.order_by_line(self.points)
+        points = with_own_times(self.points)
+        order = scan_lines.order_by_line(points)
         # A profile scanner's points come in this order: a copy less.
         unchanged = scan_lines.is_unchanged(order)
         ordered = self.points if unchanged else self.points.take(order)

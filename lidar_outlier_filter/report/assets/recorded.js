@@ -270,7 +270,9 @@ async function start() {
   for (const [id, action] of [['whole', () => setFrames(false)], ['single', () => setFrames(true)], ['play', play]]) at(id).addEventListener('click', action);
   at('frame').max = data.frames.length - 1;
   at('frame').addEventListener('input', () => setFrames(true, Number(at('frame').value)));
-  at('time').hidden = data.frames.length < 2;
+  // The parts of a file follow each other in no time, and no node reads it.
+  at('time').hidden = data.frames.length < 2 || !data.header.hasFrames;
+  at('running').hidden = !data.header.hasFrames;
   for (const button of document.querySelectorAll('[data-copy]')) button.addEventListener('click', () => copy(at(button.dataset.copy), button));
   at('footer').textContent = `lidar-outlier-filter ${data.header.version}. Everything is in this file.`;
   const { given } = data.header.sliders[0];

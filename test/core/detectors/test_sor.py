@@ -14,8 +14,10 @@ from numpy.testing import assert_allclose
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.builtin import Sor
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 Cloud = Callable[[np.random.Generator], Floats]
 
@@ -97,3 +99,11 @@ def test_ranges_are_needed() -> None:
     xyz = np.random.default_rng(12).normal(size=(4, 3))
     with pytest.raises(FilterError, match=r'^the ranges of the points must be given '):
         detect(xyz, range_scaled=True, k=2)
+
+
+@pytest.mark.parametrize(('statistic', 'length'), [('sor', 9), ('sor2', 9), ('radius', 4)])
+def test_neighbours_that_a_statistic_asks_for(statistic: str, length: int) -> None:
+    """A mean is of k neighbours; within a radius there need be min_neighbors."""
+    given = {'sor.statistic': statistic, 'sor.k': 9, 'sor.min_neighbors': 4}
+    parameters = FilterParameters().changed(given)
+    assert DETECTORS['sor'].neighbours(parameters) == length

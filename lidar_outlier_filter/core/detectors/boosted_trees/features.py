@@ -141,6 +141,8 @@ REASON_NAMES = {
     for k, name in enumerate(names)
     if name not in LIKELY
 }
+# Of points without a scan pattern; some have names that others have above.
+SURVEY_REASON_NAMES = dict(enumerate({**NEAR, **FAR}, 197))
 
 
 def rows(names: Iterable[str], begin: int = 0) -> Any:

@@ -6,7 +6,7 @@ from enum import Enum
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
@@ -44,7 +44,13 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.FAR}
 _EVERY = {**_PATTERN, **features.MIXED}
-REASONS = {number: ReasonName(name, _EVERY[name]) for number, name in features.REASON_NAMES.items()}
+REASONS = {
+    **{key: ReasonName(name, _EVERY[name]) for key, name in features.REASON_NAMES.items()},
+    **{
+        key: ReasonName(name, _NEIGHBOURS[name])
+        for key, name in features.SURVEY_REASON_NAMES.items()
+    },
+}
 
 
 class Method(Enum):
@@ -166,7 +172,9 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
-        return Scores(survey.score(odds, threshold), scaled=True, method=method.value)
+        score = survey.score(odds, threshold)
+        reason = _survey_reasons(seen, score > 1) if parameters.scores else None
+        return Scores(score, reason=reason, scaled=True, method=method.value)
     return _judge(seen, found, parameters)
 
 
@@ -236,6 +244,23 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     far = Far(near, first, hood.nearest_of(which[again], min(MAX_NEIGHBOURS, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
     return _of_passes(model, again, *values)[:, column[selected]]
+
+
+def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:
+    """Return the number (N,) of the feature that adds most to each rejected point; 0: no feature.
+
+    How suspect a point is by the first trees is no reason where another feature adds to it.
+    """
+    reason = np.zeros(len(rejected), np.uint8)
+    if rejected.any():
+        added = _of_survey(seen, rejected)
+        names = NAMES[SURVEY_MODEL][1]
+        first = added[names.index('first')]
+        first[first > 0] = np.finfo(np.float32).tiny
+        number = {name: key for key, name in features.SURVEY_REASON_NAMES.items()}
+        numbers = np.array([number[name] for name in names], np.uint8)
+        reason[rejected] = np.where(added.max(axis=0) > 0, numbers[added.argmax(axis=0)], 0)
+    return reason
 
 
 def _of_passes(model: TreeModel, again: Bools, first: Singles, second: Singles) -> Singles:

@@ -34,12 +34,14 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+from lidar_outlier_filter.core.detectors.registry import reasons
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report.points import MAX_REASONS
 
 SNOW, ARMS = sweep(5, 0.2, 1.4, columns=200), Drive(12, 0.1, lines=20, shots=400, strays=0.03)
 CLOUDS = {'spinning': SNOW, 'profile': ARMS.points}
@@ -211,3 +213,25 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     assert found.method == Method.NEIGHBOURS.value
     odds = survey.measure(xyz, measure_floor(xyz, np.arange(len(xyz))))
     assert_adds_up(found.added, odds[selected], SURVEY_MODEL)
+
+
+def test_reasons_without_a_scan_pattern() -> None:
+    """Every rejected point says why: the feature that adds most, but how suspect it was before."""
+    rng = np.random.default_rng(3)
+    xyz = np.column_stack([rng.uniform(0, 20, (3000, 2)), rng.normal(0, 0.02, 3000)])
+    xyz[:30, 2] += rng.uniform(2, 9, 30)
+    zeros = np.zeros(len(xyz), np.int64)
+    points, parameters = Points(xyz, zeros, zeros, zeros == 0), FilterParameters()
+    chain = Chain(parameters.changed({'chain': ['boosted_trees'], 'scores': True}))
+    chain.whole = True
+    verdict = chain.judge(points)
+    assert verdict.rejected[:30].sum() > 20
+    np.testing.assert_array_equal(verdict.reason > 0, verdict.rejected)
+    seen = DetectorInput(points, parameters, whole=True)
+    found = contributions(seen, parameters, verdict.rejected)
+    assert found.method == Method.NEIGHBOURS.value
+    others = [k for k, name in enumerate(found.names) if name != 'first']
+    strongest = np.array(others)[found.added[others].argmax(axis=0)]
+    named = [reasons()[number].name for number in verdict.reason[verdict.rejected]]
+    assert named == [found.names[k] for k in strongest]
+    assert len(reasons()) <= MAX_REASONS  # that a page can show
