@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 from enum import Enum
+from typing import TypeGuard
 
 import numpy as np
 
@@ -46,6 +47,7 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
     find_rows,
     in_bands,
 )
+from lidar_outlier_filter.core.scan_pattern.resemblance import is_plausible
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -66,7 +68,9 @@ class Method(Enum):
 METHODS = {Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _NEIGHBOURS}
 
 
-def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
+def find_either(
+    points: Points, sensor: str, threads: int = 0, *, doubted: bool = False
+) -> FoundPattern | None:
     """Find the scan pattern of points; None if there is no pattern for the trees.
 
     Parameters
@@ -74,8 +78,13 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     points : valid ones
     sensor : 'spinning', 'profile', 'free' (a scanner without rings), or 'auto' (any of them)
     threads : maximum number of threads; 0: all cores
+    doubted : whether a pattern counts only if it is plausible, see :mod:`.resemblance`
 
     """
+
+    def holds(pattern: Pattern | None) -> TypeGuard[Pattern]:
+        return pattern is not None and (not doubted or is_plausible(pattern))
+
     if sensor == 'free':
         return _find_in_bands(points, threads)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
@@ -88,22 +97,29 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     if sensor == 'auto' and draws_curves(turned, order):
         return _find_in_bands(points, threads)
     if sensor != 'profile':
-        pattern = find_pattern(turned, threads, order, spins=spins)
-        if pattern is not None:
+        # A pattern that is found changes the order.
+        pattern = find_pattern(turned, threads, order.copy() if doubted else order, spins=spins)
+        if holds(pattern):
             return FoundPattern(pattern, PATTERN_MODEL)
     if sensor != 'spinning':
-        pattern = find_profile_pattern(points, threads, None if recovered else order)
-        if pattern is not None:
+        own = order.copy() if doubted else order
+        pattern = find_profile_pattern(points, threads, None if recovered else own)
+        if holds(pattern):
             return FoundPattern(pattern, PROFILE_MODEL)
     if sensor == 'profile':
         return None
-    pattern = None
-    if points.own is None and not recovered:
-        moved = find_own_frame(points, order)
-        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads, order)
-    if pattern is None:
+    pattern = _find_moved(points, order.copy() if doubted else order, threads)
+    if not holds(pattern):
         pattern = _find_in_rows(turned, order, spins, threads)
-    return None if pattern is None else FoundPattern(pattern, PATTERN_MODEL)
+    return FoundPattern(pattern, PATTERN_MODEL) if holds(pattern) else None
+
+
+def _find_moved(points: Points, order: Ints, threads: int) -> Pattern | None:
+    """Find the scan pattern of a spinning sensor whose points are in another frame."""
+    if points.own is not None or points.ring is not None:
+        return None
+    moved = find_own_frame(points, order)
+    return None if moved is None else find_pattern(moved.in_own_frame, threads, order)
 
 
 def _find_in_bands(points: Points, threads: int) -> FoundPattern | None:
@@ -131,7 +147,10 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     is_lined = has_lines(points) or points.ring is not None
     if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
         return Method.NEIGHBOURS, None
-    found = seen.cached(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
+    doubted = seen.whole and sensor == 'auto'  # of a stream, blocks must be judged alike
+    found = seen.cached(
+        ('pattern', sensor), lambda: find_either(points, sensor, seen.threads, doubted=doubted)
+    )
     if found is not None:
         return Method.PATTERN, found
     if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
