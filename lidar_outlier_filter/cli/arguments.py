@@ -95,6 +95,13 @@ def add_clean(commands: Commands) -> None:
         action='store_true',
         help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
     )
+    add(
+        '--accept-share',
+        type=float,
+        metavar='SHARE',
+        help='share of the points that may be rejected; beyond, the file is refused; default: 0.15 '
+        'for boosted_trees, 1 for others',
+    )
     add_worker_options(parser)
     add(
         '--tile',

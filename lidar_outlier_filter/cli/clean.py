@@ -99,6 +99,7 @@ def _clean_options(options: argparse.Namespace) -> CleanOptions:
         ignore=_classes(options, 'ignore'),
         dry=options.dry_run,
         unit=options.unit,
+        accept_share=options.accept_share,
     )
 
 
@@ -170,6 +171,8 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
             raise ParameterError(name, 'given for one file', f'{count} files')
         if value and (options.scheduler or options.scheduler_file):
             raise ParameterError(name, 'left out with --scheduler', value)
+    if options.accept_share is not None and not 0 <= options.accept_share <= 1:
+        raise ParameterError('--accept-share', 'from 0 to 1', options.accept_share)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:

@@ -14,7 +14,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Allocate, Bools, Bytes, Progress
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
-from lidar_outlier_filter.core.engine.chain import along_lines
+from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.floor import count_low
@@ -55,6 +55,7 @@ class CleanOptions:
     ignore : LAS classes; their points stay as they are, and are not neighbours of others
     dry : whether nothing is written
     unit : of the coordinates, one of ``UNITS``; None: as the file says
+    accept_share : share of the points that may be rejected; None: what the default may reject
 
     """
 
@@ -69,6 +70,7 @@ class CleanOptions:
     ignore: Sequence[int] = ()
     dry: bool = False
     unit: str | None = None
+    accept_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ class JudgedFile:
     high : of each rejected point, whether it is above the kept points around it
     left_low : how many kept points look like low points; 0 unless it is a survey
     seconds : duration of reading and judging
+    methods : how the default judged, by name; empty: other detectors did
 
     """
 
@@ -104,6 +107,7 @@ class JudgedFile:
     high: Bools
     left_low: int
     seconds: Mapping[str, float]
+    methods: tuple[str, ...] = ()
 
     @property
     def units(self) -> list[float]:
@@ -145,7 +149,15 @@ def judge_file(  # noqa: PLR0913  options and callbacks
             loaded = points.recovered(file, loaded, cloud)
             cloud = loaded.points
         tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
-        judge = partial(judge_whole, parameters=parameters, slow=slow, tile=tile, allocate=allocate)
+        chain = Chain(parameters)
+        judge = partial(
+            judge_whole,
+            parameters=parameters,
+            chain=chain,
+            slow=slow,
+            tile=tile,
+            allocate=allocate,
+        )
         everything = _judge_strips(loaded, judge, progress) if options.strips else judge(cloud)
         verdict = everything
         if codes is not None and (options.only or options.keep):
@@ -170,6 +182,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         high=high,
         left_low=left_low,
         seconds=seconds,
+        methods=tuple(chain.methods),
     )
 
 

@@ -270,3 +270,27 @@ def test_names_in_80_columns(
     assert main(['clean', str(folder), '--chain', 'sor']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [sum(f'│ {name} ' in line for line in lines) for name in listed] == [1, 1, 1]
+
+
+def test_more_than_can_be_outliers_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    """A method that rejects most of a file does not fit it, unless the user says that it does."""
+    (xyz, _), rng = floor(), np.random.default_rng(5)
+    scattered = rng.uniform((0.0, 0.0, 2.0), (20.0, 20.0, 60.0), (400, 3))
+    xyz = np.concatenate([xyz, scattered])
+    path = write_las(tmp_path / 'b.las', xyz, np.ones(len(xyz), np.uint8))
+    most = ['clean', str(path), '--set', 'boosted_trees.threshold=0.1']
+    assert main(most) == 1
+    error = capsys.readouterr().err
+    assert 'by trees on the neighbours of each point' in error
+    assert '--accept-share' in error
+    assert 'boosted_trees.sensor=survey' in error
+    assert '--dry-run' in error
+    assert [one.name for one in tmp_path.iterdir()] == ['b.las']
+    assert main([*most, '--dry-run']) == 0
+    assert main([*most, '--accept-share', '2']) == 1
+    assert 'from 0 to 1' in capsys.readouterr().err
+    assert main([*most, '--accept-share', '1']) == 0
+    assert (tmp_path / 'b_cleaned.las').is_file()
+    assert (
+        main(['clean', str(path), '--accept-share', '0', '--output', str(tmp_path / 'c.las')]) == 1
+    )

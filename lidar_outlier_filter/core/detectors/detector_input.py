@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import Lines, Returns
+from lidar_outlier_filter.core.points.shared_times import MIN_SHOTS, measure_clock, spread_times
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 Known = TypeVar('Known')
@@ -104,11 +106,13 @@ class DetectorInput:
         detect : of points that are sorted by line and time, and of their lines
 
         """
-        points = with_own_times(self.points)
-        order = scan_lines.order_by_line(points)
+        order = scan_lines.order_by_line(self.points)
         # A profile scanner's points come in this order: a copy less.
         unchanged = scan_lines.is_unchanged(order)
         ordered = self.points if unchanged else self.points.take(order)
+        clock = measure_clock(ordered.t)
+        if clock.shots >= MIN_SHOTS:
+            ordered = replace(ordered, t=spread_times(ordered.t, clock))
         returns = scan_lines.find_returns(ordered)
         if returns is None:
             found = self._by_lines(ordered, detect)

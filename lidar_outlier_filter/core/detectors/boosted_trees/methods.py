@@ -39,6 +39,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.scan_pattern.recognise import Kept, Kind, recognise
+from lidar_outlier_filter.core.scan_pattern.resemblance import is_plausible
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
@@ -86,6 +87,15 @@ def find_either(
     return None if found is None else FoundPattern(found.pattern, MODELS[found.kind])
 
 
+def _find(seen: DetectorInput, sensor: str) -> FoundPattern | None:
+    """Find the scan pattern of a detector's input; of a whole cloud, only a plausible one."""
+    kept = seen.kept.setdefault('pattern', Kept())
+    found = find_either(seen.points, sensor, seen.threads, kept)
+    # Of a stream, blocks must be judged alike.
+    doubted = found is not None and seen.whole and sensor == 'auto'
+    return None if doubted and not is_plausible(found.pattern) else found
+
+
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
     """Choose the method for a cloud; return the scan pattern too, where there is one.
 
@@ -97,10 +107,7 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     is_lined = has_lines(points) or points.ring is not None
     if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
         return Method.NEIGHBOURS, None
-    kept = seen.kept.setdefault('pattern', Kept())
-    found = seen.cached(
-        ('pattern', sensor), lambda: find_either(points, sensor, seen.threads, kept)
-    )
+    found = seen.cached(('pattern', sensor), lambda: _find(seen, sensor))
     if found is not None:
         if _rejects_surfaces(seen, found, parameters):
             return Method.IMPLAUSIBLE, None
