@@ -38,7 +38,7 @@ from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
-from lidar_outlier_filter.core.scan_pattern.recognise import Kept, Kind, recognise
+from lidar_outlier_filter.core.scan_pattern.recognise import Kept, SensorKind, recognise
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
@@ -66,9 +66,9 @@ METHODS = {
 
 
 MODELS = {
-    Kind.SPINNING: PATTERN_MODEL,
-    Kind.PROFILE: PROFILE_MODEL,
-    Kind.FREE: FREE_MODEL,
+    SensorKind.SPINNING: PATTERN_MODEL,
+    SensorKind.PROFILE: PROFILE_MODEL,
+    SensorKind.FREE: FREE_MODEL,
 }
 
 
