@@ -189,8 +189,8 @@ def rows_are_columns(xyz: Floats, valid: Bools) -> bool:
     sine = _sines(np.where(valid[..., None], xyz, np.nan))
     as_rows, as_columns = _grid_spread(sine), _grid_spread(sine.T)
     if min(as_rows, as_columns) > AGREES:
-        return height > MAX_RINGS >= width
-    return as_columns < as_rows
+        return bool(height > MAX_RINGS >= width)
+    return bool(as_columns < as_rows)
 
 
 def _grid_spread(sine: Floats) -> float:
