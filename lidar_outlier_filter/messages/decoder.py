@@ -255,11 +255,7 @@ class Decoder:
             must_be = columns.such_as(columns.LINES)
             raise CloudError('the line field', must_be, f'the fields {names}')
         if source == 'auto':
-            source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
-            if source == 'row' and rows_are_columns(
-                xyz.reshape(*view.shape, 3), valid.reshape(view.shape)
-            ):
-                source = 'column'
+            source = 'field' if line_field else _unnumbered(view, valid, xyz)
             if source in {'row', 'column'}:
                 warnings.append(f'no line field: each {source} is a scan line (line_source)')
         warning, claim = '; '.join(warnings), self._claim(source, line_field, time_field)
@@ -390,6 +386,14 @@ def _named(view: Rows, name: str, parameter: str) -> NDArray[Any]:
 def _numbers(view: Rows) -> list[str]:
     """Return the fields of one number each."""
     return [name for name in view.dtype.names or () if view.dtype[name].kind in 'iuf']
+
+
+def _unnumbered(view: Rows, valid: Bools, xyz: Floats) -> str:
+    """Return what is a scan line of a cloud without a line field."""
+    if view.shape[0] == 1:
+        return 'message'
+    is_turned = rows_are_columns(xyz.reshape(*view.shape, 3), valid.reshape(view.shape))
+    return 'column' if is_turned else 'row'
 
 
 def _choose(

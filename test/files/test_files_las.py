@@ -197,7 +197,11 @@ def test_descriptions_of_extra_dimensions(tmp_path: Path) -> None:
     points.write(path)
     score = np.linspace(0.25, 4, count).astype(np.float32)
     score[:2] = np.nan
-    added = {'score': score, 'bits': np.full(count, 64, np.uint16), 'none': score * np.nan}
+    added: dict[str, np.ndarray[Any, Any]] = {
+        'score': score,
+        'bits': np.full(count, 64, np.uint16),
+        'none': score * np.nan,
+    }
     (before,) = (one[54:] for one in records(path) if one[2:11] == b'LASF_Spec')
     for keep in (None, score < 3):
         copy = copied(path, Change(keep, added=added))

@@ -171,7 +171,7 @@ def test_nothing_is_left_beside(tmp_path: Path) -> None:
     assert len(columns(path)[0]) == COUNT
     assert [item.name for item in tmp_path.iterdir()] == ['tracks.sqlite']
     (tmp_path / 'tracks.sqlite-wal').write_bytes(b'rows')
-    with pytest.raises(CloudError, match='closed by its writer, got changes in .*-wal'):
+    with pytest.raises(CloudError, match=r'closed by its writer, got changes in .*-wal'):
         open_cloud(path)
 
 
@@ -197,7 +197,7 @@ def test_half_a_transaction(tmp_path: Path) -> None:
         'WITH RECURSIVE generate(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM generate LIMIT 99)'
     )
     killed = interrupted(path, f'{series} {many}')
-    with pytest.raises(CloudError, match='closed by its writer, got changes in .*-journal'):
+    with pytest.raises(CloudError, match=r'closed by its writer, got changes in .*-journal'):
         open_cloud(killed)
     journal = killed.with_name(f'{killed.name}-journal')
     journal.write_bytes(bytes(28) + journal.read_bytes()[28:])  # as PRAGMA journal_mode = PERSIST

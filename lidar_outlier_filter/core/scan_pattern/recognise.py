@@ -42,7 +42,7 @@ MAX_MISSES = 3  # blocks without rings, after which a stream has none
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
 
 
-class Kind(Enum):
+class SensorKind(Enum):
     """What the points are, in words for users."""
 
     SPINNING = 'a spinning sensor'
@@ -53,7 +53,7 @@ class Kind(Enum):
 class Recognised(NamedTuple):
     """A scan pattern, and what of."""
 
-    kind: Kind
+    kind: SensorKind
     pattern: Pattern
 
 
@@ -112,7 +112,7 @@ def recognise(
         return profiles
     if pattern is None:
         pattern = _find_otherwise(claim, spread, kept)
-    return None if pattern is None else Recognised(Kind.SPINNING, pattern)
+    return None if pattern is None else Recognised(SensorKind.SPINNING, pattern)
 
 
 class _Claim(NamedTuple):
@@ -127,12 +127,12 @@ class _Claim(NamedTuple):
 def _find_profiles(points: Points, claim: _Claim) -> Recognised | None:
     order = claim.order if points.ring is None else None
     pattern = find_profile_pattern(points, claim.threads, order)
-    return None if pattern is None else Recognised(Kind.PROFILE, pattern)
+    return None if pattern is None else Recognised(SensorKind.PROFILE, pattern)
 
 
 def _find_in_bands(points: Points, threads: int) -> Recognised | None:
     pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
-    return None if pattern is None else Recognised(Kind.FREE, pattern)
+    return None if pattern is None else Recognised(SensorKind.FREE, pattern)
 
 
 def _find_otherwise(claim: _Claim, spread: float, kept: Kept) -> Pattern | None:
@@ -164,7 +164,7 @@ def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
     turned = as_turn(replace(points, ring=ring))
     # A mirror that turns upright has elevations, too, each at two azimuths.
     degrees = len(np.unique(ring * 360 + turned.t * 360 // SECOND))
-    if degrees < MIN_RING_DEGREES * len(rings.elevation):
+    if degrees < MIN_RING_DEGREES * len(rings.angles):
         return None
     pattern = find_pattern(replace(points, line=ring), threads)
     return find_pattern(turned, threads, spins=True) if pattern is None else pattern
@@ -189,8 +189,8 @@ def rows_are_columns(xyz: Floats, valid: Bools) -> bool:
     sine = _sines(np.where(valid[..., None], xyz, np.nan))
     as_rows, as_columns = _grid_spread(sine), _grid_spread(sine.T)
     if min(as_rows, as_columns) > AGREES:
-        return height > MAX_RINGS >= width
-    return as_columns < as_rows
+        return bool(height > MAX_RINGS >= width)
+    return bool(as_columns < as_rows)
 
 
 def _grid_spread(sine: Floats) -> float:

@@ -115,14 +115,14 @@ AS_GOOD = 0.002  # less than the best share: the smoother histogram counts
 
 
 class Rings(NamedTuple):
-    """Where beams leave, and the elevations of the rings, rad, ascending."""
+    """Where beams leave, and the angles of the rings upwards, rad, ascending."""
 
     origin: Origin
-    elevation: Floats
+    angles: Floats
 
     def number(self, xyz: Floats) -> Ints:
         """Return the nearest ring (N,) of each point (N, 3); 0 is the lowest."""
-        between = (self.elevation[1:] + self.elevation[:-1]) / 2.0
+        between = (self.angles[1:] + self.angles[:-1]) / 2.0
         return np.searchsorted(between, elevations(*_flat(xyz), self.origin)).astype(np.int64)
 
     def fit(self, xyz: Floats) -> bool:
@@ -133,7 +133,7 @@ class Rings(NamedTuple):
         flat, z = _flat(some)
         elevation = elevations(flat, z, self.origin)
         far = is_far(elevation, np.sqrt(flat * flat + z * z))
-        return _share_near(elevation[far], self.elevation) >= MIN_NEAR_SHARE
+        return _share_near(elevation[far], self.angles) >= MIN_NEAR_SHARE
 
 
 def find_rings(xyz: Floats) -> Rings | None:

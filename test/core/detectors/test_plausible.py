@@ -20,7 +20,8 @@ def snow(count: int) -> Floats:
     rng = np.random.default_rng(1)
     azimuth, up = rng.uniform(0.0, 6.28, count), np.radians(rng.integers(-15, 16, count))
     flat = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
-    return rng.uniform(2.0, 12.0, count)[:, None] * flat
+    flakes: Floats = rng.uniform(2.0, 12.0, count)[:, None] * flat
+    return flakes
 
 
 @pytest.mark.parametrize('share', [0.04, 0.3, 0.9])

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import order_by_line
 from lidar_outlier_filter.core.scan_pattern.recognise import (
     Kept,
-    Kind,
+    SensorKind,
     recognise,
     ring_spread,
     rows_are_columns,
@@ -61,7 +61,7 @@ def test_claims_that_geometry_contradicts(change: Callable[[Points], Points]) ->
     assert (found == expected).mean() > 0.998
     recognised = recognise(change(points), 'auto')
     assert recognised is not None
-    assert recognised.kind is Kind.SPINNING
+    assert recognised.kind is SensorKind.SPINNING
 
 
 def test_spread_shows_where_beams_leave() -> None:

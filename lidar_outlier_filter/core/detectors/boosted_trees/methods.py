@@ -38,7 +38,7 @@ from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
-from lidar_outlier_filter.core.scan_pattern.recognise import Kept, Kind, recognise
+from lidar_outlier_filter.core.scan_pattern.recognise import Kept, SensorKind, recognise
 from lidar_outlier_filter.core.scan_pattern.resemblance import is_plausible
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -73,9 +73,9 @@ METHODS = {
 
 
 MODELS = {
-    Kind.SPINNING: PATTERN_MODEL,
-    Kind.PROFILE: PROFILE_MODEL,
-    Kind.FREE: FREE_MODEL,
+    SensorKind.SPINNING: PATTERN_MODEL,
+    SensorKind.PROFILE: PROFILE_MODEL,
+    SensorKind.FREE: FREE_MODEL,
 }
 
 
@@ -91,9 +91,9 @@ def _find(seen: DetectorInput, sensor: str) -> FoundPattern | None:
     """Find the scan pattern of a detector's input; of a whole cloud, only a plausible one."""
     kept = seen.kept.setdefault('pattern', Kept())
     found = find_either(seen.points, sensor, seen.threads, kept)
-    # Of a stream, blocks must be judged alike.
-    doubted = found is not None and seen.whole and sensor == 'auto'
-    return None if doubted and not is_plausible(found.pattern) else found
+    if found is None or not seen.whole or sensor != 'auto':  # of a stream, blocks are judged alike
+        return found
+    return found if is_plausible(found.pattern) else None
 
 
 def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
