@@ -281,6 +281,7 @@ class Pipeline:
         return convention.claim if convention and uses_lines(self._parameters.chain) else None
 
     def _say_lines(self, decision: Decision) -> None:
+        self.statistics.lines = decision.text.removeprefix('scan lines: ')
         if decision.text:
             (self._warn if decision.contradicts else self._inform)(decision.text)
 

@@ -48,6 +48,7 @@ class Statistics:
     passes : maximum passes over a block, each without the points rejected before
     failures : blocks that a detector raised an error in
     methods : blocks by method of the default
+    lines : how scan lines were decided, in words; empty where they are used as they are
 
     """
 
@@ -69,6 +70,7 @@ class Statistics:
     passes: int = 0
     failures: int = 0
     methods: Counter[str] = field(default_factory=Counter)
+    lines: str = ''
 
     @property
     def refused(self) -> int:

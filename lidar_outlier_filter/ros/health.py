@@ -307,6 +307,8 @@ class _Sample:
                 found[f'{name}, {which}, ms'] = f'{1e3 * value:.1f}'
         for name in COUNTS:
             found[name] = str(getattr(now, name))
+        if now.lines:
+            found['scan lines'] = now.lines
         for text, counter in (
             ('blocks judged by', now.methods),
             ('rejected by', now.rejected),

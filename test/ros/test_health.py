@@ -54,6 +54,7 @@ def test_counts_since_the_last_sample() -> None:
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
     counts.refusals, counts.bypassed = CountsByReason({'the fields': 2}), Counter(disabled=1)
     counts.poses, counts.methods = CountsByReason({'a pose': 3}), Counter(trees=7)
+    counts.lines = '149.98 turns/s, from time and geometry'
     health.spent(0.05)
     health.counted(counts)
     level, _, values, plotted = take_sample(health, HealthLimits(unfiltered_warn=1.0))
@@ -72,6 +73,7 @@ def test_counts_since_the_last_sample() -> None:
         'delay since stamp, max, ms': '4000.0',
         'processing time, p50, ms': '50.0',
         'processing time, p95, ms': '50.0',
+        'scan lines': '149.98 turns/s, from time and geometry',
         'processing time, max, ms': '50.0',
         'messages': '2',
         'points': '400',

@@ -27,7 +27,7 @@ from lidar_outlier_filter.core.points.shared_times import (
     TimeSpreader,
     measure_clock,
 )
-from lidar_outlier_filter.core.points.turns import TurnCounter
+from lidar_outlier_filter.core.points.turns import FacetCounter, TurnCounter
 
 STRETCH_NS = 200_000_000  # of sensor time that decides
 ENOUGH_POINTS = 2048  # that show whether one beam or several measured them
@@ -237,7 +237,9 @@ class LineNumbers:
         """Begin with the first line."""
         self.decision = decision
         mirror = decision.mirror if decision.kind == 'turns' else None
-        self._turns = None if mirror is None else TurnCounter(mirror)
+        has_facets = mirror is not None and mirror.jump > 0.0
+        self._facets = FacetCounter(mirror) if mirror is not None and has_facets else None
+        self._turns = None if mirror is None or has_facets else TurnCounter(mirror)
         self._heads = {head: LineNumbers(one) for head, one in decision.heads}
         self._run, self._last = 0, 0  # lines so far, and the last number given
         self._begun = False
@@ -262,6 +264,8 @@ class LineNumbers:
                 if len(mine):
                     line[mine] = numbers.lines(points.take(mine)) + rank * HEAD_LINES
             return line
+        if self._facets is not None:
+            return self._facets.number(points.t, points.xyz)
         if self._turns is not None:
             return self._turns.number(points.t)
         return self._count_runs(points)

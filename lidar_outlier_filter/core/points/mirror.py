@@ -30,6 +30,10 @@ INTERLEAVED_SHOTS = 160  # shots in which those of one beam recur, where several
 FOLD_BINS = 128  # of a turn
 FOLD_WIDTH = 0.006  # relative: how far folding may move the period to either side
 FOLDS = 121  # periods that are tried there
+JUMP_STEPS = 5.0  # times the usual step: there the beam jumps
+FACET_BINS = 128  # of a turn, one of which has the jump from one facet to the next
+MIN_FACET_SHARE = 0.9  # of the turns have it
+MIN_JUMP_SHARE = 0.3  # of the usual jump: what is less is none
 GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
 
 
@@ -44,12 +48,16 @@ class Mirror(NamedTuple):
         When some turn begins, nanoseconds: where few shots have a return, to cut no surface.
     resemblance : float
         Median distance of points one turn apart ÷ that at a typical lag: far below 1.
+    jump : float
+        Of a mirror with facets, least distance of the last point of one from the first of the next,
+        metres: the beam jumps back there, and a facet counts as a turn. 0: it has none.
 
     """
 
     period: float
     begin: int
     resemblance: float
+    jump: float = 0.0
 
     @property
     def rate(self) -> float:
@@ -93,8 +101,16 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     period, distance = _least_lag(pairs, refined, least)
     if distance > MAX_RESEMBLANCE * typical:
         return None
-    period = _fold_best(t, period)
-    return Mirror(period, int(t[0]) + round(_gap(t, period)), distance / typical)
+    return _find_begin(t, xyz, Mirror(period, int(t[0]), distance / typical))
+
+
+def _find_begin(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
+    """Return the mirror with its exact period, and with a turn that cuts no surface."""
+    counts = fold(t, mirror.period)
+    if counts.min() > GAP_SHARE * np.median(counts):  # returns at all angles
+        return _find_facets(t, xyz, mirror)
+    period = _fold_best(t, mirror.period)
+    return Mirror(period, int(t[0]) + round(_gap(t, period)), mirror.resemblance)
 
 
 def _least_lag(
@@ -179,16 +195,36 @@ def fold(t: Ints, period: float, bins: int = FOLD_BINS) -> NDArray[np.int64]:
 
 
 def _fold_best(t: Ints, period: float) -> float:
-    """Return the period near one at which gaps coincide best, or that one if there are no gaps."""
-    counts = fold(t, period)
-    if counts.min() > GAP_SHARE * np.median(counts):
-        return period
+    """Return the period near one at which gaps coincide best."""
     width = min(FOLD_WIDTH, period / float(t[-1] - t[0]))
     tried = period * (1.0 + width * np.linspace(-1.0, 1.0, FOLDS))
     # Epoch folding (Leahy et al. 1983): the counts differ most where the period is right.
     power = np.array([(fold(t, one) ** 2).sum() for one in tried])
     good = np.flatnonzero(power >= power.max() - 0.02 * (power.max() - power.min()))
     return float(tried[good].mean())
+
+
+def _find_facets(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
+    """Find where the beam jumps back in each turn; return the mirror as it is if it never does."""
+    step = np.sqrt((np.diff(xyz, axis=0) ** 2).sum(axis=1))
+    jumps = np.flatnonzero(step > JUMP_STEPS * np.median(step))
+    begin = Mirror(mirror.period, int(t[0]) + round(_gap(t, mirror.period)), mirror.resemblance)
+    if not len(jumps):
+        return begin
+    best = 0, 0.0, np.empty(0, np.int64)
+    for period in mirror.period * (1.0 + FOLD_WIDTH * np.linspace(-1.0, 1.0, FOLDS)):
+        turned = (t[jumps + 1] - t[0]) / period
+        place = ((turned - np.floor(turned)) * FACET_BINS).astype(np.int64) % FACET_BINS
+        count = np.bincount(place, minlength=FACET_BINS)
+        there = int(count.argmax())
+        if count[there] > best[0]:
+            best = int(count[there]), float(period), jumps[place == there]
+    count, period, ends = best
+    turns = float(t[-1] - t[0]) / period
+    if len(np.unique(np.rint((t[ends + 1] - t[ends[0] + 1]) / period))) < MIN_FACET_SHARE * turns:
+        return begin
+    jump = float(np.median(step[ends])) * MIN_JUMP_SHARE
+    return Mirror(period, int(t[ends[0] + 1]), mirror.resemblance, jump)
 
 
 def _gap(t: Ints, period: float) -> float:

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Ints
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.points.mirror import Mirror
 
 WINDOW_TURNS = 1 / 8  # to either side of where a turn should begin, in which its gap is sought
@@ -13,6 +13,7 @@ MIN_GAP_TURNS = 1 / 64  # a shorter pause is no gap
 # loop, critically damped, that needs some ten turns.
 PHASE_GAIN, PERIOD_GAIN = 0.1, 0.0025
 MAX_DRIFT = 0.01  # of the period that was decided
+MIN_FACET, MAX_FACET = 0.95, 1.1  # periods that a facet takes
 KEPT_TURNS = 512  # whose beginnings late points find
 
 
@@ -72,3 +73,43 @@ class TurnCounter:
         drifted = self.period + PERIOD_GAIN * off
         self.period = min(max(drifted, (1 - MAX_DRIFT) * decided), (1 + MAX_DRIFT) * decided)
         self._begins.append(begin + round(self.period + PHASE_GAIN * off))
+
+
+class FacetCounter:
+    """Numbers the facets of a mirror, from 0; the same points cut in any way get the same numbers.
+
+    A facet begins where the beam jumps, about a period after the last one, or soon after that.
+    """
+
+    def __init__(self, mirror: Mirror) -> None:
+        """Begin with the facet that time and geometry show."""
+        self.mirror = mirror
+        self._begins = [mirror.begin - round(mirror.period)]
+        self._number = 0  # of the first that is kept
+        self._last = np.empty((0, 3))  # the last point
+
+    def number(self, t: Ints, xyz: Floats) -> Ints:
+        """Return the facet of each point (N,); ``t`` are times, ns, and ``xyz`` (N, 3) metres."""
+        if not len(t):
+            return np.empty(0, np.int64)
+        order = np.argsort(t, kind='stable')
+        path = np.concatenate([self._last, xyz[order]])
+        jumps = np.flatnonzero((np.diff(path, axis=0) ** 2).sum(axis=1) > self.mirror.jump**2)
+        times = t[order]
+        for at in times[jumps + 1 - len(self._last)].tolist():
+            self._advance(at)
+            if at - self._begins[-1] >= MIN_FACET * self.mirror.period:
+                self._begins.append(at)
+        self._advance(int(times[-1]))
+        self._last = path[-1:]
+        found: Ints = self._number + np.searchsorted(self._begins, t, side='right')
+        if len(self._begins) > 2 * KEPT_TURNS:
+            self._number += len(self._begins) - KEPT_TURNS
+            self._begins = self._begins[-KEPT_TURNS:]
+        return found
+
+    def _advance(self, last: int) -> None:
+        """Begin facets whose jump is not seen."""
+        longest = round(MAX_FACET * self.mirror.period)
+        while last >= self._begins[-1] + longest:
+            self._begins.append(self._begins[-1] + longest)

@@ -63,6 +63,7 @@ class Method(Enum):
         'trees on the neighbours of each point, because on the scan pattern surfaces were rejected'
     )
     UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
+    UNMET = 'no trees, untested: the points have no pattern of boosted_trees.sensor'
 
 
 METHODS = {
@@ -101,17 +102,20 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
 
     Where trees on the scan pattern reject surfaces, it is not what it seemed, and neighbours judge.
     Without a scan pattern, a point needs neighbours on other scan lines: unless ``sensor`` is
-    ``survey``, the points of a block with a single line stay untested.
+    ``survey``, the points of a block with a single line stay untested. So do points without the
+    pattern of a sensor that was asked for: another method does not replace it.
     """
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
-    if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
+    if sensor == 'survey' or (seen.whole and not is_lined and sensor == 'auto'):
         return Method.NEIGHBOURS, None
     found = seen.cached(('pattern', sensor), lambda: _find(seen, sensor))
     if found is not None:
         if _rejects_surfaces(seen, found, parameters):
             return Method.IMPLAUSIBLE, None
         return Method.PATTERN, found
+    if sensor != 'auto':
+        return Method.UNMET, None
     if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
         return Method.NEIGHBOURS, None
     return Method.UNTESTED, None
@@ -174,7 +178,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     """
     points, threshold = seen.points, parameters.of(BoostedTrees).threshold
     method, found = choose(seen, parameters)
-    if method is Method.UNTESTED:
+    if method in {Method.UNTESTED, Method.UNMET}:
         return Scores(np.full(len(points), np.nan), scaled=True, method=method.value)
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)

@@ -58,7 +58,7 @@ def test_sensor_names_the_method() -> None:
     seen = DetectorInput(sweep(5, 0.1, columns=200), FilterParameters(), whole=True)
     sensors = {name: {'boosted_trees.sensor': name} for name in ('auto', 'profile', 'survey')}
     methods = [choose(seen, FilterParameters().changed(one))[0] for one in sensors.values()]
-    assert methods == [Method.PATTERN, Method.NEIGHBOURS, Method.NEIGHBOURS]
+    assert methods == [Method.PATTERN, Method.UNMET, Method.NEIGHBOURS]
 
 
 @pytest.mark.parametrize(
