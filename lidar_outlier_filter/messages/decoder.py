@@ -269,7 +269,8 @@ class Decoder:
     def _claim(self, source: str, line_field: str | None, time_field: str | None) -> Claim | None:
         """Return what claims to be a scan line; None where lines are used as they are."""
         parameters = self.parameters
-        if time_field is None or parameters.line_source == 'message' or parameters.angle_field:
+        # What the user says is not asked after.
+        if time_field is None or parameters.line_source != 'auto':
             return None
         names = {
             'row': 'the row',

@@ -178,13 +178,7 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     """
     settings = with_defaults(parameters, chain)
     columns = {'t': t, 'line': line, 'intensity': intensity}
-    points, claim, reason = _decode(xyz, columns, settings, inform, warn)
-    if claim is not None and uses_lines(settings.chain):
-        points, decision = settle_lines(points, claim, line_period(settings))
-        if decision.kind != 'given':
-            reason = ''
-        if decision.text and not reason:
-            (warn if decision.contradicts else inform)(decision.text)
+    points, reason = _decode(xyz, columns, settings, inform, warn)
     if reason:
         check_chain(settings.chain, 'the cloud', reason)
         zeros = np.zeros(len(points), np.int64)
@@ -193,6 +187,25 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
 
 
 def _decode(
+    cloud: Any,
+    columns: Mapping[str, ArrayLike | None],
+    parameters: FilterParameters,
+    inform: Callable[[str], object],
+    warn: Callable[[str], object],
+) -> tuple[Points, str]:
+    """Convert a cloud to points; also return why they have no scan lines ('' if they do)."""
+    points, claim, reason = _claimed(cloud, columns, parameters, inform, warn)
+    if claim is None or not uses_lines(parameters.chain):
+        return points, reason
+    points, decision = settle_lines(points, claim, line_period(parameters))
+    if decision.kind != 'given':
+        reason = ''
+    if decision.text and not reason:
+        (warn if decision.contradicts else inform)(decision.text)
+    return points, reason
+
+
+def _claimed(
     cloud: Any,
     columns: Mapping[str, ArrayLike | None],
     parameters: FilterParameters,

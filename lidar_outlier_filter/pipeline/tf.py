@@ -25,7 +25,7 @@ from lidar_outlier_filter.pipeline.topics import TRANSFORMS
 DYNAMIC, STATIC = '/tf', '/tf_static'  # topics
 MAX_FRAMES = 10_000
 MAX_NAME = 1000  # characters of the name of a frame
-NOWHERE = SensorExtrinsics.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+NOWHERE = SensorExtrinsics(np.zeros(3), np.eye(3))
 
 
 def pose_source(parameters: FilterParameters) -> PoseSource | None:

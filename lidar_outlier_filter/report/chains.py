@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains for a report: one that notes why points are rejected, and many that share neighbours."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +143,13 @@ class SharedInputs:
         self._known: dict[tuple[object, ...], DetectorInput] = {}
 
     def __call__(
-        self, points: Points, parameters: FilterParameters, neighbours: int, *, whole: bool
+        self,
+        points: Points,
+        parameters: FilterParameters,
+        neighbours: int,
+        *,
+        whole: bool,
+        kept: dict[Hashable, Any] | None = None,
     ) -> DetectorInput:
         """Return the cached input of equal points, or a new one."""
         columns = (points.xyz, points.t, points.line)
@@ -150,5 +157,5 @@ class SharedInputs:
         if key not in self._known:
             while len(self._known) >= SHARED_BLOCKS:
                 del self._known[next(iter(self._known))]
-            self._known[key] = DetectorInput(points, parameters, neighbours, whole=whole)
+            self._known[key] = DetectorInput(points, parameters, neighbours, whole=whole, kept=kept)
         return self._known[key]

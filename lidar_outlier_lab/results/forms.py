@@ -29,7 +29,7 @@ RATE = re.compile(r'([\d.]+) turns/s')
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedForm:
     """What came of a form.
 
     Attributes
@@ -64,7 +64,7 @@ def judge(
     parameters: Mapping[str, object],
     seed: int = SEED,
     draw: Callable[[int], Drive] = street,
-) -> Judged:
+) -> JudgedForm:
     """Filter a drive in a form as live messages, and count by its labels.
 
     Points of messages that are refused are not rejected.
@@ -94,7 +94,7 @@ def judge(
     filters.flush()
     seen = np.concatenate(there)
     result = np.concatenate(rejected)[seen]
-    return Judged(
+    return JudgedForm(
         confusion(np.concatenate(bad)[seen], result),
         tuple(dict.fromkeys(said)),
         tuple(f'{what}: {n} blocks' for what, n in filters.statistics.methods.items()),
@@ -130,5 +130,5 @@ def section(
     )
 
 
-def _counts(one: Judged) -> tuple[int, int, str]:
+def _counts(one: JudgedForm) -> tuple[int, int, str]:
     return one.counts.found, one.counts.lost, number(one.counts.f1)

@@ -41,7 +41,7 @@ COPIED = 0.9  # share of the shots that dual mode publishes twice
 LONGEST_ODD = 3.7  # turns of a message that is cut at odd places
 
 
-class Part(NamedTuple):
+class MessagePart(NamedTuple):
     """The N points of a message, in the order of their shots.
 
     Attributes
@@ -68,7 +68,7 @@ class Part(NamedTuple):
 
 
 # What a column holds: its type, and its values.
-COLUMNS: dict[str, tuple[str, Callable[[Part], Any]]] = {
+COLUMNS: dict[str, tuple[str, Callable[[MessagePart], Any]]] = {
     'intensity': ('<f4', lambda part: part.points['intensity']),
     't': ('<u4', lambda part: part.t - part.begin),
     'seconds': ('<f4', lambda part: (part.t - part.begin) / SECOND),
@@ -174,7 +174,7 @@ _FORMS = {
     'heads_line': Form('two heads, lines of both', 'intensity t line=line_of_heads', heads=2),
     'heads_field': Form('two heads, field head, no line field', 'intensity t head', heads=2),
     'heads_field_line': Form('two heads, field head, line', 'intensity t head line', heads=2),
-    'heads': Form('two heads, not told apart', PLAIN, heads=2),
+    'heads': Form('two heads, which no field separates', PLAIN, heads=2),
     'stands_line': Form('a vehicle that stands, line number', drive='stands'),
     'stands': Form('a vehicle that stands, no line field', PLAIN, drive='stands'),
     'swings_line': Form('swinging mirror, line number', drive='swings'),
@@ -268,7 +268,7 @@ def send(
     turn, frame = seen.shot // seen.shots_per_line, OWN_FRAME if form.own else FRAME
     for number, (begin, end) in enumerate(pairwise([0, *_ends(form, seen, seed)])):
         inside = slice(*np.searchsorted(seen.time, (begin, end)))
-        part = Part(
+        part = MessagePart(
             points=seen.points[inside],
             shot=seen.shot[inside],
             head=seen.head[inside],
@@ -313,8 +313,8 @@ def mapping(
         progress((cloud.sent - START) / end)
 
 
-class _Seen(NamedTuple):
-    """All N returns of a drive in the order of ``time``, nanoseconds; see :class:`Part`.
+class _DriveReturns(NamedTuple):
+    """All N returns of a drive in the order of ``time``, nanoseconds; see :class:`MessagePart`.
 
     ``late`` is how much later the shots of a head come than those of the first, nanoseconds.
     """
@@ -341,7 +341,7 @@ def _seen(  # noqa: PLR0913  what makes the returns
     own: bool,
     heads: int,
     echoes: str,
-) -> _Seen:
+) -> _DriveReturns:
     """Simulate what a drive measures."""
     base = draw(seed)
     drive = replace(DRIVES[kind](base), in_own_frame=own)
@@ -359,7 +359,7 @@ def _seen(  # noqa: PLR0913  what makes the returns
     late = heads_of * (sensor.interval // 2)
     time = returns.shot * sensor.interval + late
     order = np.lexsort((echoes_of, time))
-    return _Seen(
+    return _DriveReturns(
         points=returns.points[order],
         time=time[order],
         shot=returns.shot[order],
@@ -383,7 +383,7 @@ def _echoes(drive: Drive, first: Returns, echoes: str) -> Iterator[tuple[int, Re
         yield 2, first.take(lot < COPIED)
 
 
-def _ends(form: Form, seen: _Seen, seed: int) -> list[int]:
+def _ends(form: Form, seen: _DriveReturns, seed: int) -> list[int]:
     """Return when each message ends, nanoseconds after the first shot."""
     end = seen.shots * seen.interval
     if form.turns or form.packet:
@@ -396,7 +396,7 @@ def _ends(form: Form, seen: _Seen, seed: int) -> list[int]:
     return [*ends[ends < end].tolist(), end]
 
 
-def _rows(form: Form, part: Part) -> Rows:
+def _rows(form: Form, part: MessagePart) -> Rows:
     """Lay out the points of a message."""
     named = [column.partition('=')[::2] for column in form.columns.split()]
     columns = {name: COLUMNS[column or name] for name, column in named}
@@ -411,7 +411,7 @@ def _rows(form: Form, part: Part) -> Rows:
     return rows
 
 
-def _organised(rows: Rows, part: Part, shape: tuple[int, int]) -> Rows:
+def _organised(rows: Rows, part: MessagePart, shape: tuple[int, int]) -> Rows:
     """Put the shots of each turn into a row; those without echo are NaN."""
     table = np.zeros(shape, rows.dtype)
     for axis in 'xyz':

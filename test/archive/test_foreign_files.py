@@ -95,7 +95,7 @@ EDITS: dict[str, Callable[[], Path]] = {
         sidecar(), sidecar().read_text().replace('"size": ', '"size": 1')
     ),
     'the log, edited': lambda: replace(
-        sidecar(), sidecar().read_text().replace('{', '{"note": "mine",', 1)
+        sidecar(), sidecar().read_text().replace('{', '{"remark": "mine",', 1)
     ),
     'brackets': lambda: replace(sidecar(), '[' * 200_000),
     'other JSON': lambda: replace(sidecar(), '{"seal": 1, "archive": []}'),

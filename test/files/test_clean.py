@@ -129,10 +129,12 @@ def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) 
     """The verdict along lines is that of the points with their time and ring."""
     path = folder / f'{SWEEP}.pcd'
     assert main(['clean', str(path), '--chain', chain]) == 0
-    x, y, z, time, ring = columns(path, 'x', 'y', 'z', 'time', 'ring')
+    x, y, z, time, ring, intensity = columns(path, 'x', 'y', 'z', 'time', 'ring', 'intensity')
     t = np.rint(time.astype(np.float64) * 1e9).astype(np.int64)
     xyz = np.stack((x, y, z), axis=1, dtype=np.float64)
-    cloud = Points(xyz, t, ring.astype(np.int64), np.ones(len(x), np.bool_))
+    cloud = Points(
+        xyz, t, ring.astype(np.int64), np.ones(len(x), np.bool_), intensity=intensity
+    )
     verdict = Chain(FilterParameters().changed({'chain': [chain]})).judge(cloud)
     (outlier,) = columns(folder / f'{SWEEP}_cleaned.pcd', 'outlier')
     np.testing.assert_array_equal(outlier, verdict.rejected)

@@ -45,6 +45,7 @@ NOT_RUN: Mapping[str, str] = {
     'git clone ': 'needs the network',
     'lidar-outlier-filter replay my_recording --params my.yaml': 'the page shows the file',
     'rosdep ': 'needs apt',
+    'list=$(ros2 ': 'needs an installed ROS',
     'colcon ': 'test_package.py runs it',
     'source install/': 'test_package.py runs it',
     'python3 -m venv ': 'needs the network',

@@ -147,7 +147,7 @@ def test_files_are_cleaned_of_it(mask: str, tmp_path: Path) -> None:
         assert (report.invalid, report.untested) == (0, 0)
     short = tmp_path / 'short.csv'
     short.write_text('x,y,z\n1,2,3\n')
-    with pytest.raises(CloudError, match='the line column must be one of ring'):
+    with pytest.raises(CloudError, match='the line column must be of a usual name, such as ring'):
         clean_file(short, tmp_path / 'no.csv', parameters)
 
 

@@ -35,7 +35,7 @@ def plain() -> Rows:
 
 
 def test_cuts_do_not_matter() -> None:
-    """Lines come from time and geometry: any cut gives the same verdicts, and so does a bad field."""
+    """Lines come from time and geometry: any cut gives the same verdicts, as does a bad field."""
     found = {name: judge(name, FAST, 1, short) for name in (*CUTS, *WITHOUT)}
     assert len({one.digest for one in found.values()}) == 1
     assert all(abs(float(one.rate) - RATE) < RATE_OFF * RATE for one in found.values())

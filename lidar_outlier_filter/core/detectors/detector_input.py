@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.scan_lines import Lines, Returns
+from lidar_outlier_filter.core.points.scan_lines import Lines, ShotReturns
 from lidar_outlier_filter.core.points.shared_times import MIN_SHOTS, measure_clock, spread_times
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -125,7 +125,7 @@ class DetectorInput:
         return Scores(score, passes=found.passes)
 
     def _by_returns(
-        self, ordered: Points, returns: Returns, detect: Callable[[Points, Lines], Scores]
+        self, ordered: Points, returns: ShotReturns, detect: Callable[[Points, Lines], Scores]
     ) -> Scores:
         """Judge first returns, then later ones in their places."""
         number, shot, original = returns

@@ -38,8 +38,8 @@ MAX_FACETS = 12  # lines per turn of a mirror with facets
 JUMP = 5.0  # times the usual step: at the end of a facet the beam jumps
 REVERSAL_SHOTS = 8  # from the end of a swing, where the beam is near again as long before it
 MAX_REVERSAL = 0.5  # distance of two such shots ÷ the way from the end to one of them
+MIN_TICKS = 64  # of a turn: with so many, shared times do no harm
 HEAD_LINES = 2**40  # from the lines of one scanner to those of the next
-MAX_PHASE_SPREAD = 0.05  # of a turn: lines by the scan angle begin at one angle of the mirror
 
 
 class Claim(NamedTuple):
@@ -132,6 +132,9 @@ def decide(points: Points, claim: Claim, period: float = 0.0) -> Decision:
 
 def _decide_shared(points: Points, clock: Clock, claim: Claim, period: float) -> Decision:
     """Decide for points whose shared times are spread in their order."""
+    found = _decide_one(points, claim, period)
+    if found.mirror is not None and found.mirror.period > MIN_TICKS * clock.tick:
+        return found  # a turn has many times of its own
     spread = replace(points, t=TimeSpreader(clock).spread(points.t))
     found = _decide_one(spread, claim, period)
     share = f'{100 * clock.share:.0f} % of the points share the time of the one before'
@@ -153,7 +156,7 @@ def _decide_one(points: Points, claim: Claim, period: float) -> Decision:
         text = '' if counts else _no_turns(claim)
         return GIVEN._replace(text=text, contradicts=bool(text))
     rate = f'{mirror.rate:.2f} turns/s, from time and geometry'
-    if counts and _are_turns(t, xyz, changes, mirror, claim):
+    if counts and _are_turns(t, xyz, changes, mirror):
         text = f'scan lines: {claim.name}; {rate}'
         if _restarts(line, changes):
             text = f'{claim.name} starts again: each change is a scan line; {rate}'
@@ -195,15 +198,12 @@ def _restarts(line: Ints, changes: Ints) -> bool:
     return len(np.unique(line)) < len(changes) + 1
 
 
-def _are_turns(t: Ints, xyz: Floats, changes: Ints, mirror: Mirror, claim: Claim) -> bool:
+def _are_turns(t: Ints, xyz: Floats, changes: Ints, mirror: Mirror) -> bool:
     """Return whether numbers change once in a turn, or at the ends of facets or swings."""
     lines = len(changes) / (float(t[changes[-1]] - t[0]) / mirror.period)
     each = max(round(lines), 1)
     if each > MAX_FACETS or abs(lines - each) > MAX_TURNS_OFF * each:
         return False
-    if claim.source == 'angle':
-        turned = np.exp(2j * np.pi * (t[changes] - mirror.begin) / mirror.period)
-        return bool(each == 1 and 1.0 - abs(turned.mean()) < MAX_PHASE_SPREAD)
     return each == 1 or _jumps(t, xyz, changes) or _reverses(xyz, changes)
 
 

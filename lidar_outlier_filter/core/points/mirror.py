@@ -34,6 +34,7 @@ JUMP_STEPS = 5.0  # times the usual step: there the beam jumps
 FACET_BINS = 128  # of a turn, one of which has the jump from one facet to the next
 MIN_FACET_SHARE = 0.9  # of the turns have it
 MIN_JUMP_SHARE = 0.3  # of the usual jump: what is less is none
+GAP_BINS = 32  # of a turn, in which gaps are sought
 GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
 
 
@@ -99,14 +100,14 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     if not refined:
         return None
     period, distance = _least_lag(pairs, refined, least)
-    if distance > MAX_RESEMBLANCE * typical:
+    if not typical > 0.0 or distance > MAX_RESEMBLANCE * typical:
         return None
     return _find_begin(t, xyz, Mirror(period, int(t[0]), distance / typical))
 
 
 def _find_begin(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
     """Return the mirror with its exact period, and with a turn that cuts no surface."""
-    counts = fold(t, mirror.period)
+    counts = fold(t, mirror.period, GAP_BINS)
     if counts.min() > GAP_SHARE * np.median(counts):  # returns at all angles
         return _find_facets(t, xyz, mirror)
     period = _fold_best(t, mirror.period)
@@ -172,10 +173,14 @@ class _Pairs:
 
 
 def _dips(lags: Floats, apart: Floats, near: float) -> Floats:
-    """Return the lags of local minima not farther apart than ``near``."""
-    padded = np.concatenate([[np.inf], apart, [np.inf]])
+    """Return the lags of local minima not farther apart than ``near``, and much less than before.
+
+    Without a turn, the longer the lag, the farther apart are points.
+    """
+    padded = np.concatenate([[0.0], apart, [0.0]])
     low = (padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]) & (apart <= near)
-    return lags[low]
+    before = np.maximum.accumulate(np.where(np.isfinite(apart), apart, 0.0))
+    return lags[low & (apart <= MAX_RESEMBLANCE * before)]
 
 
 def _refine(pairs: _Pairs, lag: float) -> tuple[float, float]:

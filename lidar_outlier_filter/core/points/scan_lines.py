@@ -88,7 +88,7 @@ def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate(([0], inner, [len(line)])).astype(np.int64)
 
 
-class Returns(NamedTuple):
+class ShotReturns(NamedTuple):
     """Which points, sorted by line and time, are returns of the same shots.
 
     Attributes
@@ -107,7 +107,7 @@ class Returns(NamedTuple):
     original: NDArray[np.int64]
 
 
-def find_returns(points: Points) -> Returns | None:
+def find_returns(points: Points) -> ShotReturns | None:
     """Find shots with several returns; None where no points of a line share a time.
 
     Points are sorted by line and time. Where most points of a line share their times with others,
@@ -130,7 +130,7 @@ def find_returns(points: Points) -> Returns | None:
     alone = coarse[line]
     shot[alone], original[alone] = index[alone], index[alone]
     number = np.cumsum(original == index)
-    return Returns(number - number[shot], shot, original)
+    return ShotReturns(number - number[shot], shot, original)
 
 
 def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:

@@ -97,7 +97,7 @@ def find_profile_pattern(
 
 
 def _part_scanners(points: Points, order: Ints) -> list[TimedLines]:
-    """Part points, sorted by line, by scanners; return none where these cannot be told apart.
+    """Part points, sorted by line, by scanners; return none where these cannot be separated.
 
     A scanner measures one line after the other. Where several scanners measure at once, their
     numbers take turns, or those of each follow each other.

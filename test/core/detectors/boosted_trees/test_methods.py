@@ -80,7 +80,7 @@ def test_a_whole_cloud_without_lines(sensor: str, expected: Method, *, has_rings
 
 @pytest.mark.parametrize(
     ('returns', 'expected'),
-    [(1, Method.PATTERN), (2, Method.PATTERN), (8, Method.PATTERN), (64, Method.NEIGHBOURS)],
+    [(1, Method.PATTERN), (2, Method.PATTERN), (8, Method.PATTERN), (64, Method.PATTERN)],
 )
 def test_rows_of_a_range_image(returns: int, expected: Method) -> None:
     """The returns of a packet may come in any order, with one time; the verdicts stay the same."""
