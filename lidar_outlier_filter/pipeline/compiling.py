@@ -232,7 +232,7 @@ def _samples(sensor: str) -> Iterator[Points]:
         # Whole revolutions of a moving scanner, for the methods on scan patterns
         yield replace(_turns(), t=t)
     else:
-        bright = np.ones(COUNT, np.float32)
+        bright = np.arange(1, COUNT + 1, dtype=np.float32)  # of equal ones nothing is known
         yield replace(_turns(), t=np.tile(t[: COUNT // RINGS], RINGS), intensity=bright)
 
 

@@ -40,7 +40,7 @@ SOR: dict[str, object] = {
     'sor.radius': 0.3,
     'sor.min_neighbors': 4,
 }
-MOVING = SOR | MOUNTING | {'motion.source': 'odometry'}
+MOVING = SOR | MOUNTING | {'motion.source': 'odometry', 'line_source': 'field'}
 REPLAYED = MOVING | {'motion.topic': '/odom'}
 # Normal, distance from the street, and how far a wall goes in and out.
 WALLS = ((0, 1, 0, 7.0, 1.5), (0, -1, 0, 6.0, 1.0), (0, 0, -1, 0.0, 0.0), (0, 0, 1, 9.0, 1.5))

@@ -15,7 +15,7 @@ from lidar_outlier_filter.ros.backlog import Received
 from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Chain that says the outlier of 10 ms of a line that is alone.
-SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
+SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]', '-p', 'line_source:=message')
 
 
 class Player:

@@ -28,6 +28,7 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode
 # Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
 SHORT = {
     'chain': ['alpha_beta_gamma'],
+    'line_source': 'message',
     'block': 0.01,
     'halo': 0.0,
     'max_delay': 60.0,

@@ -73,7 +73,8 @@ class StreamLines(Generic[AnyCloud]):
                 released = self.release()
                 self._forget()
                 self._claim = claim
-                self.decision = GIVEN if claim is None else None
+            if claim is None:
+                self.decision = GIVEN
             self._newest = max(self._newest, cloud.last)
         elif not self.held:
             return [cloud]
