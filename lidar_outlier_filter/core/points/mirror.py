@@ -224,7 +224,7 @@ def _find_facets(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
         there = int(count.argmax())
         if count[there] > best[0]:
             best = int(count[there]), float(period), jumps[place == there]
-    count, period, ends = best
+    _, period, ends = best
     turns = float(t[-1] - t[0]) / period
     if len(np.unique(np.rint((t[ends + 1] - t[ends[0] + 1]) / period))) < MIN_FACET_SHARE * turns:
         return begin
