@@ -77,6 +77,13 @@ def test_facets() -> None:
     assert abs(plain.counts.f1 - numbered.counts.f1) < 0.01
 
 
+def test_two_scanners() -> None:
+    """Those that a field names have lines of their own; others have none, which is said."""
+    named, bare = (judge(name, FAST, 1, short) for name in ('heads_field', 'heads'))
+    assert any('scanner 0: ' in one and 'scanner 1: ' in one for one in named.said)
+    assert any('2 scanners take turns, and no field such as head' in one for one in bare.said)
+
+
 def test_what_is_no_profile() -> None:
     """Points without recurrence have no period; a rate that is given is taken."""
     rng = np.random.default_rng(1)

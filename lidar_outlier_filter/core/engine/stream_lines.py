@@ -114,6 +114,8 @@ class StreamLines(Generic[AnyCloud]):
             some = concatenate([cloud.points for cloud in self.held if len(cloud.points)])
             numbered = self._claim.source != 'message'
             self.decision = decide_at_once(some, numbered=numbered)
+            if self.decision is not None and self.decision.text:
+                self._say(self.decision)
         return self.decision is not None
 
     def _decide(self) -> None:

@@ -17,6 +17,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.points.mirror import (
     MIN_TURN_RETURNS,
     Mirror,
+    count_beams,
     find_mirror,
     is_path,
 )
@@ -39,7 +40,7 @@ JUMP = 5.0  # times the usual step: at the end of a facet the beam jumps
 REVERSAL_SHOTS = 8  # from the end of a swing, where the beam is near again as long before it
 MAX_REVERSAL = 0.5  # distance of two such shots ÷ the way from the end to one of them
 MIN_TICKS = 64  # of a turn: with so many, shared times do no harm
-HEAD_LINES = 2**40  # from the lines of one scanner to those of the next
+MAX_HEADS = 3  # scanners whose shots alternate; of more beams a sensor spins
 
 
 class Claim(NamedTuple):
@@ -92,9 +93,13 @@ def decide_at_once(points: Points, *, numbered: bool) -> Decision | None:
     if points.head is not None:
         points = points.take(points.head == points.head[0])
     some = points.take(slice(0, ENOUGH_POINTS))
-    if np.ptp(some.t) == 0 or not is_path(some.xyz[np.argsort(some.t, kind='stable')]):
+    if np.ptp(some.t) == 0:
         return GIVEN
-    return None
+    beams = count_beams(some.xyz[np.argsort(some.t, kind='stable')])
+    if 1 < beams <= MAX_HEADS and not numbered:
+        text = f'{beams} scanners take turns, and no field such as head says which: no scan lines'
+        return GIVEN._replace(text=text, contradicts=True)
+    return None if beams == 1 else GIVEN
 
 
 def is_spinning(points: Points) -> bool:
@@ -262,7 +267,8 @@ class LineNumbers:
             for rank, (head, numbers) in enumerate(self._heads.items()):
                 mine = np.flatnonzero(points.head == head)
                 if len(mine):
-                    line[mine] = numbers.lines(points.take(mine)) + rank * HEAD_LINES
+                    # Of several scanners, lines take turns.
+                    line[mine] = numbers.lines(points.take(mine)) * len(self._heads) + rank
             return line
         if self._facets is not None:
             return self._facets.number(points.t, points.xyz)

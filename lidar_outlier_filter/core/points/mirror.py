@@ -130,6 +130,11 @@ def _least_lag(
 
 def is_path(xyz: Floats) -> bool:
     """Return whether each point lies beside the one before it: of one beam, not of several."""
+    return count_beams(xyz) == 1
+
+
+def count_beams(xyz: Floats) -> int:
+    """Count the beams that take turns, of points in order of time: the lag of least distance."""
     count = len(xyz)
     some = np.arange(0, count - 1, max((count - 1) // SAMPLES, 1))
 
@@ -139,8 +144,7 @@ def is_path(xyz: Floats) -> bool:
             return np.inf
         return float(np.median(np.sqrt(((xyz[index + lag] - xyz[index]) ** 2).sum(axis=1))))
 
-    beside = apart(1)
-    return all(beside <= apart(lag) for lag in range(2, INTERLEAVED_SHOTS))
+    return 1 + int(np.argmin([apart(lag) for lag in range(1, INTERLEAVED_SHOTS)]))
 
 
 class _Pairs:

@@ -37,6 +37,7 @@ SAMPLES = 64  # returns of a ring that show its elevation
 # and less, as lenses sit beside the axis; of the same rings seen from elsewhere 0.8 and more.
 AGREES, DISAGREES = 0.25, 2.0  # between: motion within a turn, or a frame a few metres away
 MIN_RING_DEGREES = 15  # of azimuth, in which a typical ring has returns
+MIN_RING_TURN_RAD = 0.3  # rad that a ring covers at least
 MIN_GRID_RETURNS = 4  # of a row or column that shows an elevation
 MAX_MISSES = 3  # blocks without rings, after which a stream has none
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
@@ -188,9 +189,20 @@ def rows_are_columns(xyz: Floats, valid: Bools) -> bool:
         return False
     sine = _sines(np.where(valid[..., None], xyz, np.nan))
     as_rows, as_columns = _grid_spread(sine), _grid_spread(sine.T)
+    # Shots of turns of one mirror have one elevation, too, but all at one azimuth.
+    if as_columns < as_rows and _typical_turn(xyz, valid) < MIN_RING_TURN_RAD:
+        return False
     if min(as_rows, as_columns) > AGREES:
         return bool(height > MAX_RINGS >= width)
     return bool(as_columns < as_rows)
+
+
+def _typical_turn(xyz: Floats, valid: Bools) -> float:
+    """Return how far a column (height, width, 3) typically turns from row to row in all, rad."""
+    azimuth = np.where(valid, np.arctan2(xyz[..., 1], xyz[..., 0]), np.nan)
+    step = np.diff(azimuth, axis=0)
+    step -= 2.0 * np.pi * np.rint(step / (2.0 * np.pi))
+    return float(abs(np.nansum(np.nanmedian(step, axis=1))))
 
 
 def _grid_spread(sine: Floats) -> float:
