@@ -76,7 +76,7 @@ def test_label_files(bag: Path, tmp_path: Path, capsys: Capture) -> None:
         (['--output', '.'], 'the output must be a new folder, got ., which exists'),
         (
             ['--output', 'no/where'],
-            'the output no/where must be in a folder that exists, got no/where',
+            'the output must be in a folder that exists, got no/where',
         ),
     ],
 )

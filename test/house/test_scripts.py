@@ -205,7 +205,7 @@ def test_tests_of_real_data_are_left_out_together(tmp_path: Path) -> None:
         (project / name).symlink_to(ROOT / 'test' / name)
     text = 'def test_any(): pass\n\n\ndef test_real(real_data): assert real_data.is_dir()\n'
     (project / 'test_both.py').write_text(text)
-    options = ('-p', 'no:cacheprovider', '-n', '1')
+    options = ('-p', 'no:cacheprovider', '-p', 'xdist', '-n', '1')
     done = ended(sys.executable, '-m', 'pytest', *options, project, folder=project, env={'CI': ''})
     assert done.returncode == 0, done.stdout
     assert 'tests that need real recordings and clouds are left out' in done.stdout

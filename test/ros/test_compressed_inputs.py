@@ -14,7 +14,13 @@ from rclpy.serialization import serialize_message
 
 from lidar_outlier_filter.errors import ParameterError
 
-PARAMETERS = {'chain': ['alpha_beta_gamma'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
+PARAMETERS = {
+    'chain': ['alpha_beta_gamma'],
+    'line_source': 'message',
+    'block': 0.01,
+    'halo': 0.0,
+    'max_delay': 60.0,
+}
 
 
 @pytest.fixture(scope='module')

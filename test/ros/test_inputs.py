@@ -14,6 +14,7 @@ from lidar_outlier_filter.ros.health import WARN
 BOTH = {
     'inputs': ['/left/points', 'right'],
     'chain': ['alpha_beta_gamma'],
+    'line_source': 'message',
     'block': 0.01,
     'halo': 0.0,
     'max_delay': 60.0,
