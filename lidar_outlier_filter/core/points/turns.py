@@ -41,7 +41,11 @@ class TurnCounter:
             return np.empty(0, np.int64)
         ordered = t if (t[1:] >= t[:-1]).all() else np.sort(t)
         self._advance(ordered)
-        return self._number + np.searchsorted(self._begins, t, side='right') - 1
+        found: Ints = self._number + np.searchsorted(self._begins, t, side='right') - 1
+        if len(self._begins) > 2 * KEPT_TURNS:
+            self._number += len(self._begins) - KEPT_TURNS
+            self._begins = self._begins[-KEPT_TURNS:]
+        return found
 
     def _advance(self, t: Ints) -> None:
         """Find all turns that begin before the last of some times."""
@@ -55,9 +59,6 @@ class TurnCounter:
             self._next_turn(times)
         keep = self._begins[-1] - round(self.period * WINDOW_TURNS)
         self._tail = times[np.searchsorted(times, keep) :]
-        if len(self._begins) > 2 * KEPT_TURNS:
-            self._number += len(self._begins) - KEPT_TURNS
-            self._begins = self._begins[-KEPT_TURNS:]
 
     def _next_turn(self, times: Ints) -> None:
         begin, wide = self._begins[-1], round(self.period * WINDOW_TURNS)
