@@ -61,9 +61,9 @@ def test_period_of_the_mirror(own: bool) -> None:  # noqa: FBT001  a frame
         assert mirror is not None
         assert abs(mirror.rate - RATE) < RATE_OFF * RATE
         assert mirror.resemblance < 0.1
-        cut = np.array_split(t, 37)
+        cut = zip(np.array_split(t, 37), np.array_split(xyz, 37), strict=True)
         counter = TurnCounter(mirror)
-        one, many = TurnCounter(mirror).number(t), [counter.number(part) for part in cut]
+        one, many = TurnCounter(mirror).number(t, xyz), [counter.number(*part) for part in cut]
         assert (np.concatenate(many) == one).all()
         # Turns begin where the sky is, within a few shots of a turn.
         begins = np.flatnonzero(np.diff(one)) + 1
@@ -75,6 +75,22 @@ def test_facets() -> None:
     plain, numbered = (judge(name, FAST, 1, short) for name in ('facets', 'facets_line'))
     assert abs(float(plain.rate) - 600.0) < 0.5
     assert abs(plain.counts.f1 - numbered.counts.f1) < 0.01
+
+
+def test_swings() -> None:
+    """A mirror that swings shows it: each way is a line, whose angles are known."""
+    plain, numbered = (judge(name, {}, 1, short) for name in ('swings', 'swings_line'))
+    assert any('swings/s, from time and geometry' in one for one in plain.said)
+    assert all('on the scan pattern' in one for one in plain.methods)
+    assert plain.counts.f1 > numbered.counts.f1 - 0.02
+
+
+def test_angles_that_times_do_not_tell() -> None:
+    """That so many shots share a time is said, with the share, and what it may cost."""
+    said = ' '.join(judge('time_of_384', FAST, 1, short).said)
+    assert '100 % of the points share the time' in said
+    assert 'a time is that of up to 384 shots, whose angles it does not tell' in said
+    assert 'whose angles' not in ' '.join(judge('time_of_24', FAST, 1, short).said)
 
 
 def test_two_scanners() -> None:

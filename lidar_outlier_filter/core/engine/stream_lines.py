@@ -12,13 +12,13 @@ from typing import Generic
 from lidar_outlier_filter.core.engine.stream_cloud import BEGINNING, END, AnyCloud
 from lidar_outlier_filter.core.points.line_recovery import (
     GIVEN,
-    STRETCH_NS,
     Claim,
     Decision,
     LineNumbers,
     decide,
     decide_at_once,
 )
+from lidar_outlier_filter.core.points.mirror import STRETCH_NS
 from lidar_outlier_filter.core.points.points import SECOND, concatenate
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -124,7 +124,7 @@ class StreamLines(Generic[AnyCloud]):
         some = [points for points in some if len(points)]
         if some and self._claim is not None:
             decision = decide(concatenate(some), self._claim, self._period)
-            self.decision, self._numbers = decision, LineNumbers(decision)
+            self.decision, self._numbers = decision, LineNumbers(decision, self._say)
             self._say(decision)
 
     def _release(self) -> list[AnyCloud]:

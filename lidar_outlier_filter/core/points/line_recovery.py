@@ -8,6 +8,7 @@ message become running numbers. Numbers of packets, heads or echoes, and message
 the turns of the mirror, where time and geometry show them.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.points.mirror import (
     MIN_TURN_RETURNS,
+    STRETCH_NS,
     Mirror,
     count_beams,
     find_mirror,
@@ -30,7 +32,6 @@ from lidar_outlier_filter.core.points.shared_times import (
 )
 from lidar_outlier_filter.core.points.turns import FacetCounter, TurnCounter
 
-STRETCH_NS = 200_000_000  # of sensor time that decides
 ENOUGH_POINTS = 2048  # that show whether one beam or several measured them
 MAX_RING_RUN = 16.0  # points of one ring in succession: of more, lines are measured one by one
 MIN_AT_ONCE = 2.0  # lines that are measured at once, on average, from which on a sensor spins
@@ -40,6 +41,7 @@ JUMP = 5.0  # times the usual step: at the end of a facet the beam jumps
 REVERSAL_SHOTS = 8  # from the end of a swing, where the beam is near again as long before it
 MAX_REVERSAL = 0.5  # distance of two such shots ÷ the way from the end to one of them
 MIN_TICKS = 64  # of a turn: with so many, shared times do no harm
+MIN_KNOWN_TICKS = 8  # of a turn: with fewer, times do not tell the angles of shots
 MAX_HEADS = 3  # scanners whose shots alternate; of more beams a sensor spins
 
 
@@ -137,13 +139,16 @@ def decide(points: Points, claim: Claim, period: float = 0.0) -> Decision:
 
 def _decide_shared(points: Points, clock: Clock, claim: Claim, period: float) -> Decision:
     """Decide for points whose shared times are spread in their order."""
-    found = _decide_one(points, claim, period)
-    if found.mirror is not None and found.mirror.period > MIN_TICKS * clock.tick:
-        return found  # a turn has many times of its own
     spread = replace(points, t=TimeSpreader(clock).spread(points.t))
     found = _decide_one(spread, claim, period)
+    if found.mirror is not None and found.mirror.period > MIN_TICKS * clock.tick:
+        return found  # a turn has many times of its own
     share = f'{100 * clock.share:.0f} % of the points share the time of the one before'
     text = f'{share}: they are spread in their order; {found.text}'.removesuffix('; ')
+    if found.mirror is not None and found.mirror.period < MIN_KNOWN_TICKS * clock.tick:
+        unknown = f'a time is that of up to {clock.shots} shots, whose angles it does not tell'
+        text = f'{text}; {unknown}: methods that need the scan pattern may not find it'
+        return found._replace(clock=clock, text=text, contradicts=True)
     return found._replace(clock=clock, text=text)
 
 
@@ -160,7 +165,7 @@ def _decide_one(points: Points, claim: Claim, period: float) -> Decision:
             return Decision('runs', text=f'{claim.name} starts again: each change is a scan line')
         text = '' if counts else _no_turns(claim)
         return GIVEN._replace(text=text, contradicts=bool(text))
-    rate = f'{mirror.rate:.2f} turns/s, from time and geometry'
+    rate = mirror.text
     if counts and _are_turns(t, xyz, changes, mirror):
         text = f'scan lines: {claim.name}; {rate}'
         if _restarts(line, changes):
@@ -238,14 +243,18 @@ def _reverses(xyz: Floats, changes: Ints) -> bool:
 class LineNumbers:
     """Numbers scan lines as decided; the same points cut in any way get the same lines."""
 
-    def __init__(self, decision: Decision) -> None:
-        """Begin with the first line."""
+    def __init__(
+        self, decision: Decision, say: Callable[[Decision], object] = lambda _: None
+    ) -> None:
+        """Begin with the first line; ``say`` is called where the mirror does not go on so."""
         self.decision = decision
+        self._say = say
         mirror = decision.mirror if decision.kind == 'turns' else None
-        has_facets = mirror is not None and mirror.jump > 0.0
-        self._facets = FacetCounter(mirror) if mirror is not None and has_facets else None
-        self._turns = None if mirror is None or has_facets else TurnCounter(mirror)
-        self._heads = {head: LineNumbers(one) for head, one in decision.heads}
+        self._turns: TurnCounter | FacetCounter | None = None
+        if mirror is not None:
+            has_facets = mirror.jump > 0.0
+            self._turns = FacetCounter(mirror) if has_facets else TurnCounter(mirror, self._change)
+        self._heads = {head: LineNumbers(one, say) for head, one in decision.heads}
         self._run, self._last = 0, 0  # lines so far, and the last number given
         self._begun = False
         self._spreader = TimeSpreader(decision.clock)
@@ -270,11 +279,18 @@ class LineNumbers:
                     # Of several scanners, lines take turns.
                     line[mine] = numbers.lines(points.take(mine)) * len(self._heads) + rank
             return line
-        if self._facets is not None:
-            return self._facets.number(points.t, points.xyz)
         if self._turns is not None:
-            return self._turns.number(points.t)
+            return self._turns.number(points.t, points.xyz)
         return self._count_runs(points)
+
+    def _change(self, mirror: Mirror | None) -> None:
+        """Say that turns did not resemble each other any more."""
+        how = 'they go on as before' if mirror is None else mirror.text
+        text = f'scan lines did not resemble each other any more: {how}'
+        self.decision = self.decision._replace(
+            mirror=mirror or self.decision.mirror, text=text, contradicts=True
+        )
+        self._say(self.decision)
 
     def _count_runs(self, points: Points) -> Ints:
         order: Ints | slice = slice(None)
@@ -300,6 +316,10 @@ def settle_lines(points: Points, claim: Claim, period: float = 0.0) -> tuple[Poi
         return points, GIVEN
     end = int(some.t.min()) + STRETCH_NS
     decision = decide(some.take(some.t < end), claim, period)
+    said = [decision.text]
     line = points.line.copy()
-    line[where] = LineNumbers(decision).number(some).line
+    line[where] = LineNumbers(decision, lambda new: said.append(new.text)).number(some).line
+    decision = decision._replace(
+        text='; '.join(said), contradicts=decision.contradicts or len(said) > 1
+    )
     return replace(points, line=line, head=None), decision

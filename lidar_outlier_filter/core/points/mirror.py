@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
+STRETCH_NS = 200_000_000  # of sensor time that decides
 MIN_PERIOD_NS, MAX_PERIOD_NS = 1_500_000, 120_000_000
 MIN_TURNS = 2.5  # of the stretch: fewer turns show no period
 MIN_TURN_RETURNS = 24  # of a turn: fewer are no profile
@@ -24,6 +25,7 @@ MIN_PAIRS = 40  # of them, with a return one lag later
 MAX_BESIDE_SHOTS = 1.5  # shots between a sample's time, one lag later, and the return there
 MAX_RESEMBLANCE = 0.3  # median distance at the period ÷ that at a typical lag
 AS_NEAR = 1.5  # a lag whose distance is this many times the least may be the period
+DIP_WIDTH = 0.03  # relative: so near, the lag of less distance is the better one
 FLOOR_M = 0.01  # of distances that are compared: noise of ranges
 MULTIPLES = 12  # a lag may be so many periods: a scanner that stands sees all of them alike
 INTERLEAVED_SHOTS = 160  # shots in which those of one beam recur, where several beams take turns
@@ -36,6 +38,8 @@ MIN_FACET_SHARE = 0.9  # of the turns have it
 MIN_JUMP_SHARE = 0.3  # of the usual jump: what is less is none
 GAP_BINS = 32  # of a turn, in which gaps are sought
 GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
+REVERSALS = 96  # phases of a turn, half of it, at which a mirror that swings may reverse
+MAX_MIRRORED = 0.3  # median distance of points as long before and after a reversal ÷ typical one
 
 
 class Mirror(NamedTuple):
@@ -44,14 +48,17 @@ class Mirror(NamedTuple):
     Attributes
     ----------
     period : float
-        Of a turn, nanoseconds.
+        Of a turn, nanoseconds; of a mirror that swings, from one end to the other.
     begin : int
-        When some turn begins, nanoseconds: where few shots have a return, to cut no surface.
+        When some turn begins, nanoseconds: where few shots have a return, to cut no surface; of a
+        mirror that swings, where it goes back.
     resemblance : float
         Median distance of points one turn apart ÷ that at a typical lag: far below 1.
     jump : float
         Of a mirror with facets, least distance of the last point of one from the first of the next,
         metres: the beam jumps back there, and a facet counts as a turn. 0: it has none.
+    swings : bool
+        Whether it swings to and fro: each way counts as a turn.
 
     """
 
@@ -59,11 +66,17 @@ class Mirror(NamedTuple):
     begin: int
     resemblance: float
     jump: float = 0.0
+    swings: bool = False
 
     @property
     def rate(self) -> float:
         """Turns per second."""
         return 1e9 / self.period
+
+    @property
+    def text(self) -> str:
+        """The rate, and what it is of."""
+        return f'{self.rate:.2f} {"swings" if self.swings else "turns"}/s, from time and geometry'
 
 
 def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
@@ -102,7 +115,25 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     period, distance = _least_lag(pairs, refined, least)
     if not typical > 0.0 or distance > MAX_RESEMBLANCE * typical:
         return None
-    return _find_begin(t, xyz, Mirror(period, int(t[0]), distance / typical))
+    mirror = Mirror(period, int(t[0]), distance / typical)
+    return _find_reversals(pairs, mirror, typical) or _find_begin(t, xyz, mirror)
+
+
+def _find_reversals(pairs: '_Pairs', mirror: Mirror, typical: float) -> Mirror | None:
+    """Return the mirror as one that swings, if the beam comes back as it went; else None.
+
+    It reverses twice in what was found to be a turn, half of it apart.
+    """
+    period = mirror.period
+    tried = period * np.arange(REVERSALS) / (2 * REVERSALS)
+    for width in (1.0, 1.0 / 8.0):
+        apart = np.array([pairs.mirrored(at, period / 2.0) for at in tried])
+        best = int(apart.argmin())
+        if not apart[best] <= MAX_MIRRORED * typical:
+            return None
+        at = float(tried[best])
+        tried = at + period / (2 * REVERSALS) * width * np.linspace(-1.0, 1.0, 17)
+    return Mirror(period / 2.0, int(pairs.t[0]) + round(at), mirror.resemblance, swings=True)
 
 
 def _find_begin(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
@@ -119,7 +150,9 @@ def _least_lag(
 ) -> tuple[float, float]:
     """Return the smallest lag whose points are about as near as any, and their distance."""
     limit = AS_NEAR * min(distance for _, distance in refined) + FLOOR_M
-    period, distance = min(one for one in refined if one[1] <= limit)
+    period = min(one for one in refined if one[1] <= limit)[0]
+    beside = [one for one in refined if abs(one[0] - period) <= DIP_WIDTH * period]
+    period, distance = min(beside, key=lambda one: one[1])
     for parts in range(MULTIPLES, 1, -1):
         if period / parts >= least:
             part, its = _refine(pairs, period / parts)
@@ -135,16 +168,13 @@ def is_path(xyz: Floats) -> bool:
 
 def count_beams(xyz: Floats) -> int:
     """Count the beams that take turns, of points in order of time: the lag of least distance."""
-    count = len(xyz)
-    some = np.arange(0, count - 1, max((count - 1) // SAMPLES, 1))
-
-    def apart(lag: int) -> float:
-        index = some[some + lag < count]
-        if len(index) < MIN_PAIRS:
-            return np.inf
-        return float(np.median(np.sqrt(((xyz[index + lag] - xyz[index]) ** 2).sum(axis=1))))
-
-    return 1 + int(np.argmin([apart(lag) for lag in range(1, INTERLEAVED_SHOTS)]))
+    most = min(INTERLEAVED_SHOTS, len(xyz) - MIN_PAIRS)
+    if most <= 1:
+        return 1
+    lags = np.arange(1, most)
+    some = np.arange(SAMPLES) * (len(xyz) - lags[:, None]) // SAMPLES
+    away = np.sqrt(((xyz[some + lags[:, None]] - xyz[some]) ** 2).sum(axis=2))
+    return 1 + int(np.median(away, axis=1).argmin())
 
 
 class _Pairs:
@@ -158,16 +188,34 @@ class _Pairs:
         found = [self._apart(some, samples) for some in np.array_split(lags, -(-len(lags) // 64))]
         return np.concatenate(found)
 
+    def mirrored(self, at: float, swing: float) -> float:
+        """Return the median distance, metres, of points as long before as after reversals.
+
+        One is ``at`` so long after the first return, others before and after it by whole times of
+        a ``swing``; both ns.
+        """
+        some = np.arange(SAMPLES) * len(self.t) // SAMPLES
+        after = (self.t[some] - self.t[0] - at) % swing
+        other, there = self._find(self.t[some] - np.rint(2.0 * after).astype(np.int64))
+        if np.count_nonzero(there) < MIN_PAIRS:
+            return np.inf
+        apart = self.xyz[some[there]] - self.xyz[other[there]]
+        return float(np.median(np.sqrt((apart**2).sum(axis=1))))
+
+    def _find(self, when: Ints) -> tuple[Ints, Bools]:
+        """Return which returns are the nearest to some times, and whether they are of these."""
+        t = self.t
+        after = np.minimum(np.searchsorted(t, when), len(t) - 1)
+        before = np.maximum(after - 1, 0)
+        other = np.where(when - t[before] <= t[after] - when, before, after)
+        return other, np.abs(t[other] - when) <= MAX_BESIDE_SHOTS * self.step
+
     def _apart(self, lags: Floats, samples: int) -> Floats:
         t, xyz = self.t, self.xyz
         last = np.searchsorted(t, t[-1] - lags, side='right')
         some = np.arange(samples) * last[:, None] // samples
-        when = t[some] + np.rint(lags).astype(np.int64)[:, None]
-        after = np.minimum(np.searchsorted(t, when), len(t) - 1)
-        before = np.maximum(after - 1, 0)
-        other = np.where(when - t[before] <= t[after] - when, before, after)
+        other, there = self._find(t[some] + np.rint(lags).astype(np.int64)[:, None])
         away = np.sqrt(((xyz[other] - xyz[some]) ** 2).sum(axis=2))
-        there = np.abs(t[other] - when) <= MAX_BESIDE_SHOTS * self.step
         count = np.count_nonzero(there, axis=1)
         away = np.sort(np.where(there, away, np.inf), axis=1)
         median = np.take_along_axis(away, np.minimum(count // 2, samples - 1)[:, None], axis=1)[

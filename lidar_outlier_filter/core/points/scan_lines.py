@@ -119,14 +119,15 @@ def find_returns(points: Points) -> ShotReturns | None:
     index, begins = np.arange(len(points)), np.append([True], ~follows)
     shot = np.maximum.accumulate(np.where(begins, index, 0))
     original = index.copy()
+    line = np.cumsum(np.append([0], points.line[1:] != points.line[:-1]))
+    coarse = np.bincount(line, index - shot >= MAX_RETURNS) > 0
+    some = np.flatnonzero((index > shot) & ~coarse[line])
     for back in range(1, MAX_RETURNS):
-        later = np.flatnonzero(index - shot >= back)
+        later = some[index[some] - shot[some] >= back]
         same = later[(points.xyz[later] == points.xyz[later - back]).all(axis=1)]
         original[same] = same - back
     new = original == index
-    line = np.cumsum(np.append([0], points.line[1:] != points.line[:-1]))
-    coarse = np.bincount(line, new) > MAX_SHARED * np.bincount(line, begins)
-    coarse |= np.bincount(line, index - shot >= MAX_RETURNS) > 0
+    coarse |= np.bincount(line, new) > MAX_SHARED * np.bincount(line, begins)
     alone = coarse[line]
     shot[alone], original[alone] = index[alone], index[alone]
     number = np.cumsum(original == index)
