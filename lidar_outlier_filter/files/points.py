@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.engine.chain import uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain
 from lidar_outlier_filter.core.points import columns as usual
-from lidar_outlier_filter.core.points.line_recovery import Claim, settle_lines
+from lidar_outlier_filter.core.points.line_recovery import MAX_HEADS, Claim, settle_lines
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
@@ -33,7 +33,8 @@ ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
 USER_DATA = 'user_data'  # where it makes lines much longer, it tells scanners apart
 MIRROR = (EDGE, DIRECTION, *ANGLES)
-LAS_COLUMNS = (*MIRROR, *SOURCES, USER_DATA)
+SCANNERS = (*SOURCES, USER_DATA)
+LAS_COLUMNS = (*MIRROR, *SCANNERS)
 ANGLE_NOISE = 12  # a step smaller than this part of the angle's span may be noise
 
 
@@ -273,13 +274,20 @@ def _recover_lines(
     points: Points, columns: Columns, parameters: FilterParameters
 ) -> tuple[Points, str]:
     """Find the turns of the mirror where no column shows them; return what they are found by."""
-    sources = [cloud_file.filled(columns[name]) for name in SOURCES if name in columns]
-    head = np.unique(np.stack(sources), axis=1, return_inverse=True)[1] if sources else None
-    points = replace(points, head=None if head is None else head.astype(np.int64).reshape(-1))
+    filled = {name: cloud_file.filled(columns[name]) for name in SCANNERS if name in columns}
+    known = [filled[name] for name in SOURCES if name in filled]
     period = line_period(parameters)
-    settled, decision = settle_lines(points, Claim('message', 'the file'), period)
-    is_found = decision.kind in {'turns', 'heads'}
-    return settled, decision.text.removeprefix('scan lines: ') if is_found else ''
+    tried = [known]
+    if USER_DATA in filled and 1 < len(np.unique(filled[USER_DATA])) <= MAX_HEADS:
+        tried.append([*known, filled[USER_DATA]])
+    for sources in tried:
+        head = np.unique(np.stack(sources), axis=1, return_inverse=True)[1] if sources else None
+        told_apart = None if head is None else head.astype(np.int64).reshape(-1)
+        claim = Claim('message', 'the file')
+        settled, decision = settle_lines(replace(points, head=told_apart), claim, period)
+        if decision.kind in {'turns', 'heads'}:
+            return settled, decision.text.removeprefix('scan lines: ')
+    return points, ''
 
 
 def _times(

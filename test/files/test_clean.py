@@ -110,7 +110,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     written = [folder / f'{path.stem}_cleaned{path.suffix}.json' for path in files]
     logs = [json.loads(path.read_text()) for path in written]
     assert [log['chain'] for log in logs] == 3 * [['boosted_trees']]
-    turns = 'gps_time (s) and 198.78 turns/s, from time and geometry'
+    turns = 'gps_time (s) and 198.81 turns/s, from time and geometry'
     lines = ['time (s) and ring', 'gps_time (s) and scan_direction_flag', turns]
     assert [log['lines'] for log in logs] == lines
     assert [log['rejected'] <= 0.0005 * log['points'] for log in logs] == [False, True, True]

@@ -323,6 +323,28 @@ def test_scanners_of_a_vehicle(tmp_path: Path, source: str) -> None:
     assert rejected[~stray].mean() < 0.002
 
 
+@pytest.mark.parametrize('source', ['point_source_id', 'user_data'])
+def test_turns_of_scanners_without_angles(tmp_path: Path, source: str) -> None:
+    """Where no column shows the mirror, times and geometry do, of each scanner by itself."""
+    drives = [Drive(40 + k, 0.02, lines=40, shots=400) for k in range(2)]
+    xyz = np.concatenate([drive.points.xyz for drive in drives])
+    t = np.concatenate([drive.t * 1e-9 + 0.0013 * k for k, drive in enumerate(drives)])
+    head = np.repeat([1, 2], [len(drive.t) for drive in drives])
+    order = np.argsort(t, kind='stable')
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    header.scales = [0.001] * 3
+    las = laspy.LasData(header)
+    las['X'], las['Y'], las['Z'] = np.rint(xyz[order].T * 1000).astype(np.int32)
+    las['gps_time'], las[source] = 3.1e8 + t[order], head[order]
+    las.write(tmp_path / 'heads.las')
+    found = loaded(tmp_path / 'heads.las')
+    assert 'scanner 0: ' in found.lines
+    assert 'scanner 1: ' in found.lines
+    for k in range(2):
+        begins = np.flatnonzero(np.diff(found.points.line[head[order] == k + 1]))
+        assert len(begins) >= 38
+
+
 def test_no_scan_lines(tmp_path: Path) -> None:
     """Without columns of a mirror, or with a single line, there are no scan lines."""
     source = np.arange(8) // 4

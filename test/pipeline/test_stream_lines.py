@@ -140,3 +140,18 @@ def test_arrays_with_times() -> None:
     bad = rows['label'] > 0
     assert (found & bad).sum() > 0.6 * bad.sum()
     assert (rejected(rows, numbered=True) == found).all()
+
+
+def test_arrays_as_streams() -> None:
+    """The trees judge a whole cloud of a profile scanner as its stream, point by point."""
+    clouds = list(form_clouds('turns_10', 1, short))
+    stream = CloudFilter()
+    outputs = [one for cloud in clouds for one in stream.push(cloud.points, stamp=cloud.stamp)]
+    outputs += stream.flush()
+    rows = np.concatenate([cloud.points for cloud in clouds])
+    t = np.concatenate([cloud.stamp + cloud.points['t'].astype(np.int64) for cloud in clouds])
+    xyz = np.stack([rows[axis] for axis in 'xyz'], axis=1)
+    verdict = detect_outliers(xyz, t=t, intensity=rows['intensity'])
+    found = np.asarray(verdict.outlier)
+    assert 50 < found.sum() < 0.01 * len(found)
+    assert b''.join(bytes(one.outliers.data) for one in outputs) == rows[found].tobytes()

@@ -39,7 +39,7 @@ MIN_JUMP_SHARE = 0.3  # of the usual jump: what is less is none
 GAP_BINS = 32  # of a turn, in which gaps are sought
 GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
 REVERSALS = 96  # phases of a turn, half of it, at which a mirror that swings may reverse
-MAX_MIRRORED = 0.3  # median distance of points as long before and after a reversal ÷ typical one
+MAX_MIRRORED = 0.3  # median distance of points as long before and after a reversal ÷ their way
 
 
 class Mirror(NamedTuple):
@@ -116,10 +116,10 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     if not typical > 0.0 or distance > MAX_RESEMBLANCE * typical:
         return None
     mirror = Mirror(period, int(t[0]), distance / typical)
-    return _find_reversals(pairs, mirror, typical) or _find_begin(t, xyz, mirror)
+    return _find_reversals(pairs, mirror) or _find_begin(t, xyz, mirror)
 
 
-def _find_reversals(pairs: '_Pairs', mirror: Mirror, typical: float) -> Mirror | None:
+def _find_reversals(pairs: '_Pairs', mirror: Mirror) -> Mirror | None:
     """Return the mirror as one that swings, if the beam comes back as it went; else None.
 
     It reverses twice in what was found to be a turn, half of it apart.
@@ -129,7 +129,7 @@ def _find_reversals(pairs: '_Pairs', mirror: Mirror, typical: float) -> Mirror |
     for width in (1.0, 1.0 / 8.0):
         apart = np.array([pairs.mirrored(at, period / 2.0) for at in tried])
         best = int(apart.argmin())
-        if not apart[best] <= MAX_MIRRORED * typical:
+        if not apart[best] <= MAX_MIRRORED:
             return None
         at = float(tried[best])
         tried = at + period / (2 * REVERSALS) * width * np.linspace(-1.0, 1.0, 17)
@@ -189,18 +189,27 @@ class _Pairs:
         return np.concatenate(found)
 
     def mirrored(self, at: float, swing: float) -> float:
-        """Return the median distance, metres, of points as long before as after reversals.
+        """Return how far apart points are as long before as after reversals, beside their way.
 
-        One is ``at`` so long after the first return, others before and after it by whole times of
-        a ``swing``; both ns.
+        The median distance ÷ that of points from where the beam reverses; inf: too few show it.
+        Where that has no return, the way is that of points any time apart.
+
+        One reversal is ``at`` so long after the first return, others before and after it by whole
+        times of a ``swing``; both ns.
         """
         some = np.arange(SAMPLES) * len(self.t) // SAMPLES
         after = (self.t[some] - self.t[0] - at) % swing
-        other, there = self._find(self.t[some] - np.rint(2.0 * after).astype(np.int64))
+        (end, reached), (other, there) = (
+            self._find(self.t[some] - np.rint(times * after).astype(np.int64)) for times in (1, 2)
+        )
         if np.count_nonzero(there) < MIN_PAIRS:
             return np.inf
-        apart = self.xyz[some[there]] - self.xyz[other[there]]
-        return float(np.median(np.sqrt((apart**2).sum(axis=1))))
+        end = np.where(reached, end, np.roll(some, SAMPLES // 3))
+        apart, way = (
+            float(np.median(np.sqrt(((self.xyz[some] - self.xyz[one]) ** 2).sum(axis=1)[there])))
+            for one in (other, end)
+        )
+        return apart / max(way, FLOOR_M)
 
     def _find(self, when: Ints) -> tuple[Ints, Bools]:
         """Return which returns are the nearest to some times, and whether they are of these."""

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods of the default detector, the choice between them, and explanations of scores."""
 
+from collections.abc import Iterator
 from enum import Enum
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Bytes, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
@@ -35,7 +36,7 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
-from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.scan_pattern.recognise import Kept, SensorKind, recognise
@@ -121,13 +122,45 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     return Method.UNTESTED, None
 
 
+def _stretches(
+    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters
+) -> Iterator[tuple[Ints, Bools, FoundPattern]]:
+    """Yield points that are judged together, which of them are judged, and their pattern.
+
+    Lines of a profile scanner are compared with others of their time: a whole cloud is judged in
+    the blocks of a stream, each with its halo.
+    """
+    t = seen.points.t
+    block, halo = (round(length * SECOND) for length in (parameters.block, parameters.halo))
+    if not seen.whole or found.model != PROFILE_MODEL or np.ptp(t) <= block:
+        yield np.arange(len(t)), np.ones(len(t), np.bool_), found
+        return
+    order = np.argsort(t, kind='stable')
+    for number in np.unique(t // block).tolist():
+        begin, end = number * block, (number + 1) * block
+        low, high = np.searchsorted(t, (begin - halo, end + halo), sorter=order)
+        members = np.sort(order[low:high])
+        own = (t[members] >= begin) & (t[members] < end)
+        part = find_either(seen.points.take(members), 'profile', seen.threads)
+        if part is not None:
+            yield members, own, part
+            continue
+        yield np.arange(len(t)), (t >= begin) & (t < end), found
+
+
 def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameters) -> Scores:
     """Score points by the trees on their scan pattern, once."""
     threshold = parameters.of(BoostedTrees).threshold
 
     def score() -> Scores:
         reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
-        scores = judge(found.pattern, threshold, seen.threads, model=found.model, reason=reason)
+        scores = np.empty(len(seen.points))
+        for members, own, part in _stretches(seen, found, parameters):
+            why = None if reason is None else np.zeros(len(members), np.uint8)
+            scored = judge(part.pattern, threshold, seen.threads, model=part.model, reason=why)
+            scores[members[own]] = scored[own]
+            if reason is not None and why is not None:
+                reason[members[own]] = why[own]
         return Scores(scores, reason=reason, scaled=True, method=Method.PATTERN.value)
 
     return seen.cached(('by pattern', threshold, parameters.scores), score)
@@ -163,7 +196,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.boosted_trees.methods import detect
     >>> from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    >>> from lidar_outlier_filter.core.points.points import Points
+    >>> from lidar_outlier_filter.core.points.points import SECOND, Points
     >>> from lidar_outlier_filter.parameters.filter import FilterParameters
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
@@ -216,7 +249,13 @@ def contributions(
     method, found = choose(seen, parameters)
     if found is not None:
         names = NAMES[found.model][1]
-        return Contributions(method.value, names, _of_pattern(found, selected, seen.threads))
+        added = np.zeros((len(names), np.count_nonzero(selected)), np.float32)
+        column = np.cumsum(selected) - 1
+        for members, own, part in _stretches(seen, found, parameters):
+            asked = own & selected[members]
+            if asked.any():
+                added[:, column[members[asked]]] = _of_pattern(part, asked, seen.threads)
+        return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
