@@ -90,6 +90,8 @@ class CloudFile(Protocol):
     crs : the name of the coordinate system; empty where the file names none
     metres : metres per unit of the columns with coordinates that are not in metres
     about : properties of the format, by name, such as its version
+    grids : columns and rows of each scan whose points, missing returns among them, come column by
+        column; empty where they do not
 
     """
 
@@ -101,6 +103,7 @@ class CloudFile(Protocol):
     crs: str = ''
     metres: Mapping[str, float] = MappingProxyType({})
     about: Mapping[str, str] = MappingProxyType({})
+    grids: Sequence[tuple[int, int]] = ()
     _count: int
 
     def __len__(self) -> int:

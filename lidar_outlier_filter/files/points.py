@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
 from lidar_outlier_filter.core.detectors.registry import reads
-from lidar_outlier_filter.core.engine.chain import uses_lines
+from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain
 from lidar_outlier_filter.core.points import columns as usual
@@ -35,6 +35,8 @@ USER_DATA = 'user_data'  # where it makes lines much longer, it tells scanners a
 MIRROR = (EDGE, DIRECTION, *ANGLES)
 SCANNERS = (*SOURCES, USER_DATA)
 LAS_COLUMNS = (*MIRROR, *SCANNERS)
+SCAN, GRID = 'scan', ('column', 'row')  # of E57
+GRID_SHOT_NS = 1000  # between rows of a grid: how long a shot took is not known
 ANGLE_NOISE = 12  # a step smaller than this part of the angle's span may be noise
 
 
@@ -203,6 +205,7 @@ def _timing(file: CloudFile, parameters: FilterParameters, *, timed: bool) -> li
         *_named(file, parameters.line_field, 'line_field', usual.LINES),
         *(_named(file, name, parameter)[0] for name, parameter in others if name),
         *(name for name in LAS_COLUMNS if times and name in file.columns),
+        *(name for name in (SCAN, *GRID) if not times and name in file.columns),
         *(_usual(file, usual.INTENSITIES)[:1] if reads(parameters, 'intensity') else ()),
     ]
 
@@ -245,6 +248,11 @@ def _with_lines(
 ) -> Loaded:
     """Add time, line and what is known of each point (``size`` metres per unit of sigma)."""
     t, time, notes = _times(file, points.valid, columns, parameters)
+    if t is None and along_lines(parameters.chain) and (grid := _grid(file, columns)):
+        # Trees on a scan pattern are for scanners that move: a grid serves methods along lines.
+        line, row = grid
+        t = (line * (int(row.max(initial=0)) + 1) + row) * GRID_SHOT_NS
+        return Loaded(replace(points, t=t, line=line), 'columns of the grid', note='; '.join(notes))
     if t is None:
         return Loaded(points, lack='no column with the time of each point', note='; '.join(notes))
     line, found_by, more = _lines(file, points.valid, t, columns, parameters)
@@ -268,6 +276,24 @@ def _with_lines(
         intensity = cloud_file.filled(columns[name]).astype(np.float32)
     timed = replace(points, t=t, line=line, sigma=sigma, intensity=intensity, head=None)
     return Loaded(timed, f'{time} and {found_by}', note=note)
+
+
+def _grid(file: CloudFile, columns: Columns) -> tuple[Ints, Ints] | None:
+    """Return the line and the row (N,) of each point of scans that are grids; else None.
+
+    A line is a column of a scan: scanners on tripods turn slowly, and measure column by column.
+    """
+    if all(name in columns for name in GRID):
+        scan, column, row = (
+            cloud_file.filled(columns[name]).astype(np.int64) for name in (SCAN, *GRID)
+        )
+        line = np.unique(np.stack([scan, column]), axis=1, return_inverse=True)[1]
+        return line.astype(np.int64).reshape(-1), row - row.min(initial=0)
+    if not file.grids:
+        return None
+    rows = np.concatenate([np.tile(np.arange(high), wide) for wide, high in file.grids])
+    highs = np.concatenate([np.full(wide, high) for wide, high in file.grids])
+    return np.repeat(np.arange(len(highs)), highs), rows
 
 
 def _recover_lines(

@@ -210,6 +210,7 @@ class PtxFile(CloudFile):
         """Find the scans, and check that each has all of its lines."""
         self.path = path
         self._scans: list[_GridScan] = []
+        self.grids: list[tuple[int, int]] = []
         widths: set[int] = set()
         with path.open('rb') as stream:
             while (begin := _next_line(stream)) >= 0:
@@ -256,6 +257,7 @@ class PtxFile(CloudFile):
         )
         stream.seek(begin)
         header = stream.read(offset - begin)
+        self.grids.append((columns, rows))
         self._scans.append(_GridScan(header, columns * rows, matrix.T[:3], lines))
         stream.seek(lines.measure()[1])
         return width

@@ -13,9 +13,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from helpers.cloud_files import write_las
+from helpers.e57_files import write_e57
 from helpers.scans import Drive
 from pyarrow import parquet
 
+from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_either
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
@@ -321,6 +323,35 @@ def test_scanners_of_a_vehicle(tmp_path: Path, source: str) -> None:
     stray = bad[order].astype(bool)
     assert rejected[stray & (number[order] == 1)].mean() > 0.8
     assert rejected[~stray].mean() < 0.002
+
+
+@pytest.mark.parametrize('kind', ['ptx', 'e57'])
+def test_columns_of_grids(tmp_path: Path, kind: str) -> None:
+    """Scans of a tripod have no times: their columns are lines for methods along lines."""
+    column, row = np.divmod(np.arange(30 * 40), 40)
+    azimuth, elevation = 0.01 * column, 0.01 * row - 0.3
+    far = 8.0 / np.cos(azimuth) / np.cos(elevation)
+    far[555] += 3.0
+    xyz = far * np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+    path = tmp_path / f'tripod.{kind}'
+    if kind == 'ptx':
+        head = '30\n40\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
+        path.write_text(head + ''.join(f'{x:.4f} {y:.4f} {z:.4f} 0.5\n' for x, y, z in xyz.T))
+    else:
+        order = np.random.default_rng(1).permutation(len(row))
+        scan = dict(zip(('cartesianX', 'cartesianY', 'cartesianZ'), xyz[:, order], strict=True))
+        scan |= {'columnIndex': column[order] + 7, 'rowIndex': row[order] + 3}
+        write_e57(path, [scan])
+    points = loaded(path, chain=['alpha_beta_gamma']).points
+    x = xyz[0] if kind == 'ptx' else xyz[0, order]
+    np.testing.assert_allclose(points.xyz[:, 0], x, atol=1e-3)
+    true = column if kind == 'ptx' else column[order]
+    assert (points.line == true).all()
+    verdict = detect_outliers(
+        points.xyz, t=points.t, line=points.line, parameters={'chain': ['alpha_beta_gamma']}
+    )
+    assert np.asarray(verdict.outlier)[555 if kind == 'ptx' else np.flatnonzero(order == 555)]
+    assert loaded(path).lack == 'no column with the time of each point'
 
 
 @pytest.mark.parametrize('source', ['point_source_id', 'user_data'])
