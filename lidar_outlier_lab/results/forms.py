@@ -24,8 +24,8 @@ SEED = 1
 CLASSIC = {'chain': ['alpha_beta_gamma', 'quadric', 'lof']}  # config/classic.yaml
 COUNTS = ('found', 'lost', 'F1')
 MAX_SAID = 6  # sentences of a form that are written
-HEAD = ('form', *COUNTS, 'verdicts', *COUNTS, 'turns/s', 'judged by')
-RATE = re.compile(r'([\d.]+) turns/s')
+HEAD = ('form', *COUNTS, 'verdicts', *COUNTS, 'lines/s', 'judged by')
+RATE = re.compile(r'([\d.]+) (?:turns|swings)/s')
 
 
 @dataclass(frozen=True)
