@@ -93,6 +93,14 @@ def test_angles_that_times_do_not_tell() -> None:
     assert 'whose angles' not in ' '.join(judge('time_of_24', FAST, 1, short).said)
 
 
+@pytest.mark.parametrize('name', ['time_of_line', 'time_of_384'])
+def test_angles_from_the_order_of_shots(name: str) -> None:
+    """Where hundreds of shots share a time, their order and the geometry show the scan pattern."""
+    found, numbered = (judge(one, {}, 2, short) for one in (name, 'line'))
+    assert all('on the scan pattern' in one for one in found.methods)
+    assert found.counts.f1 > numbered.counts.f1 - 0.02
+
+
 def test_two_scanners() -> None:
     """Those that a field names have lines of their own; others have none, which is said."""
     named, bare = (judge(name, FAST, 1, short) for name in ('heads_field', 'heads'))

@@ -147,7 +147,7 @@ def _decide_shared(points: Points, clock: Clock, claim: Claim, period: float) ->
     text = f'{share}: they are spread in their order; {found.text}'.removesuffix('; ')
     if found.mirror is not None and found.mirror.period < MIN_KNOWN_TICKS * clock.tick:
         unknown = f'a time is that of up to {clock.shots} shots, whose angles it does not tell'
-        text = f'{text}; {unknown}: methods that need the scan pattern may not find it'
+        text = f'{text}; {unknown}: the scan pattern is sought by their order'
         return found._replace(clock=clock, text=text, contradicts=True)
     return found._replace(clock=clock, text=text)
 

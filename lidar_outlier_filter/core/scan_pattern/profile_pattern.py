@@ -37,6 +37,7 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     median_of,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN, Turned, leave_out_copies
+from lidar_outlier_filter.core.scan_pattern.untimed_lines import find_by_order
 
 MIN_LINES = 2  # of a scanner
 MAX_SCANNERS = 4  # whose lines have numbers in turn
@@ -71,7 +72,9 @@ def find_profile_pattern(
     parts = _part_scanners(points, order)
     scanners: list[Scanner] = []
     for part in parts:
-        scanner = find_scanner(part, threads)
+        scanner = find_by_order(part, points.t[part.order], threads)
+        if scanner is None:
+            scanner = find_scanner(part, threads)
         if scanner is None:
             return None
         scanners.append(scanner)

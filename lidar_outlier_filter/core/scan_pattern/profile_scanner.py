@@ -191,12 +191,14 @@ def _turning_mirror(lines: TimedLines, threads: int) -> _Mirror | None:
             return None
         turns = _turns(lines, period)
         since = _since(lines, some, turns[:, None], period)
-        fit = _fit(_still(lines, some, since, velocity[:, None]), since * (TURN / period), threads)
+        fit = fit_all(
+            still(lines, some, since, velocity[:, None]), since * (TURN / period), threads
+        )
         shown = (lines.sizes >= MIN_RETURNS) & np.isfinite(fit.off)
         known = lines.rank[shown[lines.rank]]
         period *= 1.0 - _drift(fit.beam[known], turns[known], lag) / TURN
         period = float(np.rint(period * PERIOD_PARTS) / PERIOD_PARTS)
-        velocity = _velocities(fit.position[known], turns[known], turns, period)
+        velocity = velocities(fit.position[known], turns[known], turns, period)
     turns = _turns(lines, period)
     since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
     turned, step = since * (TURN / period), _usual_step(lines) * (TURN / period)
@@ -219,7 +221,7 @@ def _drift(beam: Floats, turns: Floats, lag: int) -> float:
     return drift if abs(drift) > SURE_SIGMAS * unsure else 0.0
 
 
-def _velocities(position: Floats, when: Floats, turns: Floats, period: float) -> Floats:
+def velocities(position: Floats, when: Floats, turns: Floats, period: float) -> Floats:
     """Return the velocity (L, 3) at turns (L,), m/s, by positions (K, 3) at some of them."""
     second = period / SECOND
     found, middle = [], []
@@ -239,7 +241,7 @@ def _velocities(position: Floats, when: Floats, turns: Floats, period: float) ->
     return np.rint(np.stack(columns, axis=1) * POSITION_PARTS) / POSITION_PARTS
 
 
-def _still(lines: TimedLines, some: Any, since: Floats, velocity: Floats) -> Floats:
+def still(lines: TimedLines, some: Any, since: Floats, velocity: Floats) -> Floats:
     """Return where some returns would be, had the scanner been where it is amid their turns."""
     moved: Floats = lines.xyz[lines.order[some]] - velocity * (since / SECOND)[..., None]
     return moved
@@ -258,7 +260,7 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
     waves = np.sin(swung), swung * (2.0 / np.pi)
     some = lines.indices(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
     xyz = lines.xyz[lines.order[some]]
-    found = [_find_swing(xyz, wave[some]) for wave in waves]
+    found = [find_swing(xyz, wave[some]) for wave in waves]
     swing, off = min(found, key=lambda one: one[1] / one[0])
     step = _usual_step(lines) * (2.0 * swing / period)
     if off > MAX_OFF_SWING_STEPS * step:
@@ -267,12 +269,12 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
     return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
 
 
-def _find_swing(xyz: Floats, wave: Floats) -> tuple[float, float]:
+def find_swing(xyz: Floats, wave: Floats, tried: Floats = SWINGS) -> tuple[float, float]:
     """Find how far a mirror swings (L, S) at returns (L, S, 3); and how far off they are, then.
 
-    Both as an angle, rad; the less a mirror swings, the nearer are all returns to its angles.
+    Both as an angle, rad, as are those ``tried``; the less a mirror swings, the nearer are all
+    returns to its angles.
     """
-    tried = SWINGS
     for _ in range(3):
         angles = (tried[:, None, None] * wave).reshape(-1, SAMPLES)
         fit = fit_lines(np.tile(xyz, (len(tried), 1, 1)), angles)
@@ -311,7 +313,7 @@ def _usual_step(lines: TimedLines) -> float:
     return median_of(elapsed[elapsed > 0])
 
 
-def _fit(xyz: Floats, angle: Floats, threads: int) -> Fit:
+def fit_all(xyz: Floats, angle: Floats, threads: int) -> Fit:
     """Fit the returns (L, S, 3) of all lines, at mirror angles (L, S)."""
     parts = pool.run(lambda i, j: fit_lines(xyz[i:j], angle[i:j]), len(xyz), LINES_AT_ONCE, threads)
     return Fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -321,8 +323,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     """Estimate where the scanner was; None where points do not lie at the mirror's angles."""
     rank, velocity, count = lines.rank, mirror.velocity[:, None], len(lines.rank)
     some = lines.indices(EVENLY)
-    still = _still(lines, some, mirror.since[some], velocity)
-    fit = _fit(still, mirror.angle[some], threads)
+    fit = fit_all(still(lines, some, mirror.since[some], velocity), mirror.angle[some], threads)
     limit = MAX_OFF_SWING_STEPS if mirror.swings else MAX_OFF_STEPS
     good = (
         (fit.off <= limit * mirror.step)
@@ -333,7 +334,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         return None
     # Unevenly taken, because of rings in turn even steps would take always the same one.
     some = lines.indices(UNEVENLY)
-    rays = _still(lines, some, mirror.since[some], velocity) - fit.position[:, None]
+    rays = still(lines, some, mirror.since[some], velocity) - fit.position[:, None]
     away = pool.run(
         lambda i, j: off_plane(rays[i:j], mirror.angle[some[i:j]]), count, LINES_AT_ONCE, threads
     )
