@@ -128,6 +128,14 @@ def test_parameters_override(kind: str, unit: str, reference: str, start: int) -
     assert decode(cloud(rows), **values).t.tolist() == exact(rows['clock'], unit, start)
 
 
+@pytest.mark.parametrize('unit', FACTOR)
+def test_absolute_times_begin_after_10_s(unit: str) -> None:
+    """Up to 10 s after the stamp times may be relative; beyond they are of a clock of their own."""
+    for largest, start in ((10 * SECOND, STAMP), (10 * SECOND + SECOND, 0)):
+        rows = table(2, ring=('u2', 3), time=('u8', [0, largest // FACTOR[unit]]))
+        assert decode(cloud(rows), time_unit=unit).t.tolist() == [start, start + largest]
+
+
 def test_times_of_zero_tell_no_unit() -> None:
     """A short first message at time 0 leaves the unit open: the next one tells it."""
     reader, informed, _ = decoder()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.nodes import Ros
-from helpers.profile_scanner import SHOTS, SOR, Drive, Moving, rejected, seconds
+from helpers.profile_scanner import MOVING, SHOTS, SOR, Drive, Moving, rejected, seconds
 from helpers.scans import sweep
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
@@ -127,6 +127,33 @@ def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
     outputs = moving.filter.flush()
     assert len(outputs) == 6
     assert moving.filter.statistics.without_pose == 10
+
+
+def test_max_delay_at_run_time() -> None:
+    """Clouds that wait for their poses wait no longer than what is set meanwhile."""
+    drive = Drive(1.0)
+    moving = Moving({'max_delay': 60.0})
+    *first, last = drive.clouds(drive.own)
+    assert [moving.filter.process(msg, msg) for msg in first] == [[]] * 9
+    parameters = FilterParameters().changed({**MOVING, 'max_delay': 60.0})
+    moving.filter.change(parameters.changed({'max_delay': 0.45}))
+    assert len(moving.filter.process(last, last)) == 4
+
+
+def test_released_clouds_take_no_room() -> None:
+    """Twice as many points as may be held pass, as long as they do not wait at once."""
+    drive = Drive(1.0)
+    moving = Moving({'max_points': 5 * 10 * SHOTS})
+    assert len(moving.run(drive.clouds(drive.own), drive.odometry(), 0.1)) == 10
+    assert moving.filter.statistics.refused == 0
+
+
+def test_a_cloud_without_points_waits_for_no_pose() -> None:
+    """Also at the very beginning."""
+    drive = Drive(0.1)
+    moving = Moving()
+    (msg,) = drive.clouds(np.full_like(drive.own, np.nan))
+    assert [output.tag for output in moving.filter.process(msg, msg)] == [msg]
 
 
 def gapped(drive: Drive) -> tuple[list[OdometryMessage], NDArray[np.bool_]]:

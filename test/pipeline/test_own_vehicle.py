@@ -91,6 +91,17 @@ def test_partition_and_chunks(parts: int, mask: str) -> None:
     assert both == rows_of([cloud(rows) for rows in turns])
 
 
+def test_missing_returns_beside_the_own_vehicle(mask: str) -> None:
+    """Those that are left out are counted without the vehicle, which is an outlier."""
+    rows = turn(30)
+    rows['x'][rows['ring'] == 14] = np.nan
+    given = {'chain': ['sor'], 'mask': mask, 'missing': 'drop'}
+    found, made = results([rows], given)
+    assert made.statistics.dropped == np.count_nonzero(rows['ring'] == 14) > 0
+    both = rows_of([found[0].cleaned, found[0].outliers])
+    assert both == rows_of([cloud(rows[rows['ring'] != 14])])
+
+
 def test_tolerance(mask: str) -> None:
     """What is nearer or farther by more than the tolerance is not masked."""
     rows = turn(30)

@@ -185,6 +185,14 @@ def test_edges_are_kept() -> None:
     assert np.flatnonzero(score > 1).tolist() == [7]
 
 
+def test_returns_of_two_shots_of_three_each() -> None:
+    """The first return of one shot is compared with the last of the next, five returns behind."""
+    beams, ranges = [0, 1, 2, 3, 3, 3, 4, 4, 4, 5, 6], [9, 9, 9, 5, 7, 9, 1, 2, 5.02, 9, 9]
+    xyz = ring(np.ones(7))[beams] * np.array(ranges)[:, None]
+    score = dual_return.detect(points_of(xyz), np.array([0, len(xyz)]), DualReturn())
+    assert np.flatnonzero(score > 1).tolist() == [4, 6, 7]
+
+
 def test_copies_are_no_early_returns() -> None:
     """Sensors send a return twice that is the strongest and the last; nothing is behind it."""
     xyz = np.repeat(ring(np.full(9, 5.0)), 2, axis=0)

@@ -341,6 +341,18 @@ def test_without_equals_a_new_neighbourhood(
         assert_same_lists(lists(neighbourhood, k), lists(Neighbourhood(xyz, 12), k))
 
 
+def test_without_where_hardly_any_are_left() -> None:
+    """One point less at a time, until there are fewer than neighbours were asked for."""
+    xyz = scattered(np.random.default_rng(22), 16)
+    neighbourhood = Neighbourhood(xyz, 12)
+    for _ in range(14):
+        neighbourhood.nearest(min(12, len(xyz) - 1))
+        rejected = np.arange(len(xyz)) == len(xyz) // 2
+        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
+        k = min(12, len(xyz) - 1)
+        assert_same_lists(lists(neighbourhood, k), lists(Neighbourhood(xyz, 12), k))
+
+
 def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of lists on a grid of its own far away, none is searched again."""
     rng = np.random.default_rng(23)

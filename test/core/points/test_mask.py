@@ -136,6 +136,20 @@ def test_what_passes_by_is_no_vehicle(kind: str) -> None:
     assert not learner.learn().is_seen[14].any()
 
 
+def test_noise_across_bins() -> None:
+    """A vehicle whose range varies by 5 cm is in no bin of ranges in half of the turns."""
+    learner = masks.MaskLearner(10.0)
+    for number in range(12):
+        rows = turn(number)
+        own = rows['own'] == 1
+        for axis in 'xyz':
+            rows[axis][own] *= (1.475, 1.525, 1.575)[number % 3] / 1.5
+        learner.add(points_of(rows))
+    unseen = turn(99)
+    covered_share = learner.learn().covers(points_of(unseen), 0.1)[unseen['own'] == 1].mean()
+    assert covered_share > 0.95
+
+
 def test_turns_from_one_position_do_not_count() -> None:
     """A vehicle that stands learns nothing, though all stays where it is."""
     learner = masks.MaskLearner(10.0)

@@ -240,12 +240,17 @@ def test_score_of_1_is_the_threshold_of_the_block(
     np.testing.assert_array_equal(judge(pattern, threshold), expected)
 
 
+NUMBERS = (0, 30, 49, 50, 80, 3000)  # of outliers
+
+
 def test_valleys_are_those_of_loops() -> None:
     """Also where values are equal to a tried one, few exceed the threshold, or none is there."""
     rng = np.random.default_rng(1)
     limits = np.array([-1.0, 0.5, 1.5, 9.0])
-    for outliers in (0, 30, 49, 50, 80, 3000):
-        good, bad = rng.normal(-4, 1, 9000), rng.normal(3, 1.5, outliers)
+    # At least 50 points must exceed the threshold, and 0.5 % of all.
+    few_of_few, few_of_many = (1000, 30), (30_000, 90)
+    for points, outliers in (few_of_few, few_of_many, *((9000, n) for n in NUMBERS)):
+        good, bad = rng.normal(-4, 1, points), rng.normal(3, 1.5, outliers)
         odds = np.concatenate([good, bad]).round(1).astype(np.float32)
         expected = [naive.valley(odds.tolist(), limit, 2.0) for limit in limits]
         assert find_valleys(odds, limits, 2.0).tolist() == expected
