@@ -51,6 +51,7 @@ def test_every_detector_can_be_tuned() -> None:
         names = {search.threshold.name, *(name for one in search.settings for name in one)}
         assert all(name.startswith(f'{search.detector}.') for name in names)
         assert not any(PARAMETERS[name].fixed for name in names)
+        assert (np.diff(search.threshold.criticals()) > 0).all()  # the strictest first
         assert search.threshold.name not in {name for one in search.settings for name in one}
 
 

@@ -140,5 +140,4 @@ def tiles(xyz: Floats, side: float) -> Iterator[tuple[Ints, Bools]]:
             values = xyz[near, axis]
             inside &= (values >= low - TILE_HALO * side) & (values <= low + side + TILE_HALO * side)
         own = number[near] == tile
-        inside |= own  # rounding may put a point beyond the edge of its own tile
         yield near[inside], own[inside]

@@ -236,6 +236,18 @@ def test_files(real_data: Path, tmp_path: Path) -> None:
     assert plain.rings == 0
 
 
+def test_a_turn_of_rings_is_in_one_tile(tmp_path: Path) -> None:
+    """However small tiles are, rings are judged along themselves."""
+    xyz, _ = room(np.array(EVEN))
+    path = tmp_path / 'room.csv'
+    np.savetxt(path, xyz, '%.6f', ',', header='x,y,z', comments='')
+    parameters = FilterParameters().changed({'chain': ['boosted_trees', 'quadric']})
+    outputs = [tmp_path / f'{side:.0f}.csv' for side in (0.0, 2.0)]
+    for output, side in zip(outputs, (0.0, 2.0), strict=True):
+        clean_file(path, output, parameters, CleanOptions(tile=side))
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
 def test_intensities_of_files(tmp_path: Path) -> None:
     """Intensities of a file count where it has rings; missing ones are unknown."""
     xyz, _ = room(np.array(EVEN))
@@ -396,6 +408,18 @@ def test_rows_without_times(*, named: bool) -> None:
         bare_too = detect_outliers(bare.xyz, line=bare.line, parameters={SENSOR: sensor})
         assert (bare_too.outlier == timed.outlier).mean() > 0.998
     assert timed.outlier.sum() > 500
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_lowest_row_is_ring_0(order: int) -> None:
+    """Whether rows come from the top or from the bottom."""
+    points, ring = drive()
+    one_by_one = np.argsort(order * ring, kind='stable')
+    points, ring = points.take(one_by_one), ring[one_by_one]
+    bare = replace(points, t=0 * points.t, line=0 * points.line)
+    found = rings.find_rows(bare, order_by_line(bare))
+    assert found is not None
+    assert np.corrcoef(found, ring)[0, 1] > 0.999
 
 
 @pytest.mark.parametrize(

@@ -392,6 +392,13 @@ def test_lines_cut_out_of_a_stream(lines: int) -> None:
     assert np.ptp(pattern.phase[has_return] - drive.angle[order]) < 2e-3
 
 
+def test_numbers_of_lines_do_not_matter() -> None:
+    """Lines follow each other in time, whatever their numbers: scores are equal, bit by bit."""
+    points = Drive(12, 0.1).points
+    names = np.random.default_rng(3).permutation(int(points.line.max()) + 1)
+    assert_array_equal(scores(replace(points, line=names[points.line])), scores(points))
+
+
 def test_parameter_sensor() -> None:
     """Trees of profile scanners are used unless ``sensor`` is ``spinning``."""
     points = Drive(11, 0.1).points
