@@ -9,7 +9,7 @@ from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.points.line_recovery import Claim, settle_lines
 from lidar_outlier_filter.core.points.mirror import STRETCH_NS, Mirror, find_mirror
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.turns import TurnCounter
+from lidar_outlier_filter.core.points.turns import KEPT_TURNS, FacetCounter, TurnCounter
 
 SHOTS, SPEED = 200, 9.0  # of a turn; metres per second
 BEGIN = 1_750_000_000_000_000_000  # nanoseconds: as of a clock of today
@@ -93,3 +93,29 @@ def test_a_file_says_that_the_rate_changed() -> None:
     assert '150.0' in decision.text
     assert 'did not resemble each other any more: 200.0' in decision.text
     assert decision.contradicts
+
+
+PERIOD_NS, FEW_SHOTS, TURNS = 5_000_000, 16, 6 * KEPT_TURNS
+
+
+def numbered(t: Ints, xyz: Floats, parts: int, *, facets: bool) -> Ints:
+    """Count the turns, or the facets, of a cloud that comes in so many parts."""
+    begin = PERIOD_NS + PERIOD_NS // 16  # of the second one
+    mirror = Mirror(float(PERIOD_NS), begin, 0.0, 5.0 if facets else 0.0)
+    counter = FacetCounter(mirror) if facets else TurnCounter(mirror)
+    cut = zip(np.array_split(t, parts), np.array_split(xyz, parts), strict=True)
+    return np.concatenate([counter.number(*part) for part in cut])
+
+
+@pytest.mark.parametrize('facets', [False, True])
+def test_clouds_of_many_turns(*, facets: bool) -> None:
+    """More of them than are kept for late points: one call equals many, in any order."""
+    turn, shot = np.divmod(np.arange(TURNS * FEW_SHOTS), FEW_SHOTS)
+    # No return in the last eighth of each turn.
+    t = turn * PERIOD_NS + PERIOD_NS // 16 + shot * (PERIOD_NS * 7 // 8 // FEW_SHOTS)
+    xyz = np.stack([np.ones(len(t)), shot * 0.5, np.zeros(len(t))], axis=1)
+    one = numbered(t, xyz, 1, facets=facets)
+    assert (one - one[0] == turn).all()
+    assert (numbered(t, xyz, 50, facets=facets) == one).all()
+    mixed = np.random.default_rng(1).permutation(len(t))
+    assert (numbered(t[mixed], xyz[mixed], 1, facets=facets) == one[mixed]).all()
