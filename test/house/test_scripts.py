@@ -103,11 +103,9 @@ def project(tmp_path: Path) -> Project:
 def test_environment_is_made_once(project: Project) -> None:
     """The first run makes it, with ROS from PyPI; the second asks nothing of pip."""
     project.make()
-    asked = project.asked()
-    assert asked[0] == f'-m venv {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[ros,docs,test,lint]')
-    assert all('constraints.txt' in line for line in asked[1:])
-    assert project.make('echo', 'said') == 'said\n'
+    assert all('constraints.txt' in line for line in project.asked()[1:])
+    # Plugins of pytest that others brought are not loaded.
+    assert 'PYTEST_DISABLE_PLUGIN_AUTOLOAD=1\n' in project.make('env')
     assert project.asked() == []
 
 
@@ -146,10 +144,7 @@ def test_unfit_python_is_refused(project: Project) -> None:
 def test_sourced_jazzy_is_used(project: Project) -> None:
     """With a Jazzy sourced, its rclpy serves, and no wheel is installed."""
     seen = project.make('env', ROS_DISTRO='jazzy', HAS_RCLPY='1', PYTHONPATH='/opt/ros')
-    asked = project.asked()
-    assert asked[0] == f'-m venv --system-site-packages {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[docs,test,lint]')
-    assert not any('constraints.txt' in line for line in asked)
+    assert not any('[ros' in line or 'constraints.txt' in line for line in project.asked())
     assert 'PYTHONPATH=/opt/ros\n' in seen
 
 
@@ -224,5 +219,3 @@ def test_plugins_of_others_do_not_run(tmp_path: Path) -> None:
         alone = {'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'} if name == 'another' else {}
         done = ended(sys.executable, *words, folder=ROOT, env=env | alone)
         assert done.returncode == 0, done.stderr
-    script = (ROOT / 'scripts/environment').read_text()
-    assert 'export PYTEST_DISABLE_PLUGIN_AUTOLOAD=1' in script

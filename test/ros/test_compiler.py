@@ -144,26 +144,3 @@ def test_portable_kernels_are_replaced_beside_the_filter(
     assert steps.get_nowait() == 'replaced'
     assert steps.get_nowait() == 'now using kernels for this processor, compiled in 0 s'
     assert steps.empty()
-
-
-def test_progress_says_how_long_it_will_take(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the time that the finished parts took on this machine."""
-    clock = iter([100.0, 114.0])
-    said: list[str] = []
-
-    def run(_self: object, _work: object, progress: Callable[[int, int, str], object]) -> list[str]:
-        progress(1, 3, 'lof')
-        return ['one share failed']
-
-    monkeypatch.setattr(compiling.Processes, 'run', run)
-    monkeypatch.setattr(compiler, 'is_ready', lambda _parameters: False)
-    monkeypatch.setattr(compiler, 'load', lambda _parameters: False)
-    monkeypatch.setattr(compiler, 'make_ready', lambda _parameters: None)
-    monkeypatch.setattr(compiler, 'monotonic', lambda: next(clock))
-    taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
-    beside = Compiler(taken.put, said.append, said.append, lambda command: command())
-    beside.request(FIRST)
-    assert taken.get(timeout=TIMEOUT) == FIRST
-    assert said[0] == 'compiling lof; no output until then'
-    assert said[1] == f'{said[0]}; 1 of 3 parts took 14 s, about 28 s left'
-    assert said[2] == 'one share failed'
