@@ -89,7 +89,8 @@ def test_sentences() -> None:
 
 def test_bytes_that_are_no_cloud(ros: Ros) -> None:
     """While a block takes long they wait, no more of them than of clouds; then they are counted."""
-    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]', '-p', 'load.clouds:=100')
+    # Clouds that waited longer than max_delay would be dropped.
+    node = ros.filter('-p', 'load.clouds:=100', '-p', 'max_delay:=60.0')
     node.start()
     channel = node.channels[0]
     wait_for_kernels(node)
