@@ -6,7 +6,7 @@ From clouds, missing returns (NaN, Inf, 0 0 0) and placeholders of rejected poin
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ from lidar_outlier_filter.files.points import CLASSIFICATION
 from lidar_outlier_filter.messages.cloud import AXES, is_empty, structured
 
 SURFACE = 'surface'
+WITHHELD = 'withheld'  # a flag of LAS
 # What the label of a simulated drive says.
 CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
 
@@ -248,6 +249,17 @@ def _with_truth(points: Judged, codes: Codes) -> Judged:
     return replace(counted, bad=codes.bad(counted.code))
 
 
+def _check_withheld(verdicts: Path, verdict: str, names: Collection[str]) -> None:
+    """Refuse classes as verdicts, where ``clean --mark withheld`` may have marked other points."""
+    if verdict == CLASSIFICATION and WITHHELD in names:
+        classes, withheld = (read_codes(verdicts, name) for name in (verdict, WITHHELD))
+        count = np.count_nonzero((withheld != 0) & ~np.isin(classes, LAS_NOISE))
+        if count:
+            must_be = f'named by --verdict {WITHHELD} or --verdict {CLASSIFICATION}'
+            got = f'{count} withheld points of other classes than {LAS_NOISE[0]} and {LAS_NOISE[1]}'
+            raise RecordingError(f'the verdicts in {verdicts}', must_be, got)
+
+
 def read_files(  # noqa: PLR0913  what the command line offers
     verdicts: Path,
     truth: Path,
@@ -269,7 +281,7 @@ def read_files(  # noqa: PLR0913  what the command line offers
     score : column of the scores; empty: ``outlier_score``, if there is one
     verdict : column that is not 0 where rejected (``classification``: 7 or 18); empty: the score
         if ``score`` or ``threshold`` is set; else ``outlier``, else the score, else
-        ``classification``
+        ``classification``, unless points of other classes are withheld
     threshold : points with a larger score are rejected; None: 1
 
     """
@@ -281,6 +293,7 @@ def read_files(  # noqa: PLR0913  what the command line offers
         score = score or usual_column(verdicts, (SCORE,))
     elif not is_named and (OUTLIER in names or not score):
         verdict = usual_column(verdicts, (OUTLIER, CLASSIFICATION))
+        _check_withheld(verdicts, verdict, names)
     if verdicts == truth and label in {verdict, score}:
         must_be = 'another than that of the verdicts'
         raise RecordingError(f'the column of the labels in {truth}', must_be, repr(label))

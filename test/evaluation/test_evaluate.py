@@ -5,6 +5,7 @@
 import json
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from helpers.labelled import REJECTED, SCORED, TRUTH, results, rows, write
@@ -114,3 +115,20 @@ def test_folders_of_labels(tmp_path: Path) -> None:
         for name in names:
             (tmp_path / name).unlink()
     assert label_files([tmp_path / 'x', tmp_path]) == [tmp_path / 'x', tmp_path]
+
+
+def test_withheld_points_are_named(tmp_path: Path, capsys: Capture) -> None:
+    """After ``clean --mark withheld`` classes hold no verdict: figures of them would be wrong."""
+    truth, output = tmp_path / 'truth.las', tmp_path / 'marked.las'
+    for path, marked in ((truth, False), (output, True)):
+        cloud = laspy.LasData(laspy.LasHeader(point_format=6, version='1.4'))
+        cloud.x = cloud.y = cloud.z = np.arange(9.0)
+        cloud.classification = np.where(np.arange(9) == 4, 1 if marked else 7, 2).astype(np.uint8)
+        cloud.withheld = ((np.arange(9) == 4) & marked).astype(np.uint8)
+        cloud.write(path)
+    command = ['evaluate', str(output), '--labels', str(truth)]
+    assert main(command) == 1
+    assert 'by --verdict withheld or --verdict classification, got 1' in capsys.readouterr().err
+    for name, recall in (('withheld', '1 100.00 %'), ('classification', '0 0.00 %')):
+        assert main([*command, '--verdict', name]) == 0
+        assert any(f'recall {recall}' in line for line in printed(capsys))
