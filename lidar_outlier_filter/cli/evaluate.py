@@ -6,9 +6,11 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, can_draw, show
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, new_output
 from lidar_outlier_filter.errors import RecordingError
@@ -24,7 +26,9 @@ from lidar_outlier_filter.evaluation.labels import (
     parse_codes,
 )
 from lidar_outlier_filter.evaluation.report import Evaluation, evaluate, tables, to_json
+from lidar_outlier_filter.parameters.declaration import read_small
 
+MAX_LOG_BYTES = 1_000_000
 NUMBERS, ROC, PRECISION_RECALL = 'evaluation.json', 'roc', 'precision_recall'
 
 
@@ -60,7 +64,7 @@ def run_evaluate(options: argparse.Namespace) -> int:
             show('')
         show(table)
     if options.output is not None:
-        write(result, options.output, draw=draw)
+        write(result, options.output, _how(options), draw=draw)
         show(f'written to {options.output}')
     return DONE if draw else INCOMPLETE
 
@@ -92,10 +96,34 @@ def read_recording(
         return read_clouds(clouds, CloudLabels(topic, label, files), codes or CAUSES)
 
 
-def write(result: Evaluation, folder: Path, *, draw: bool = True) -> None:
+def _how(options: argparse.Namespace) -> dict[str, Any]:
+    """Say what was compared, and how it was made: versions, seeds and parameters."""
+    names = ('label', 'codes', 'ignore', 'topic', 'score', 'verdict', 'threshold')
+    given = {name: getattr(options, name) for name in names if getattr(options, name)}
+    labels = [path.name for path in options.labels or []]
+    how = {'version': __version__, 'verdicts': options.verdicts.name, 'labels': labels, **given}
+    if is_recording(options.verdicts):
+        from lidar_outlier_filter.recordings.bags import Recording
+        from lidar_outlier_filter.recordings.provenance import history
+
+        with Recording(options.verdicts) as source:
+            return {**how, 'history': history(source.custom_data)}
+    return {**how, 'history': _log_of(options.verdicts)}
+
+
+def _log_of(path: Path) -> dict[str, Any]:
+    """Return how ``clean`` made a file, by the log beside it; nothing without one."""
+    try:
+        log = json.loads(read_small(path.with_name(f'{path.name}.json'), MAX_LOG_BYTES))
+        return {'clean': {name: log[name] for name in ('versions', 'options', 'parameters')}}
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return {}
+
+
+def write(result: Evaluation, folder: Path, how: Mapping[str, Any], *, draw: bool = True) -> None:
     """Write numbers, and pictures on request, to a new folder, which appears whole or not."""
     with new_output(folder, FOLDER) as built:
-        text = json.dumps(to_json(result), indent=1) + '\n'
+        text = json.dumps({**to_json(result), 'made': how}, indent=1) + '\n'
         (built / NUMBERS).write_text(text, encoding='utf-8')
         if draw and result.curve is not None:
             from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc

@@ -20,6 +20,7 @@ from lidar_outlier_filter.recordings.cloud_topic import (
     check_motion,
     cloud_topics,
 )
+from lidar_outlier_filter.recordings.provenance import made_by
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 
@@ -100,7 +101,8 @@ def replay(  # noqa: PLR0913  what the command line offers
             largest += OWN_CHUNK_BYTES  # the copy has chunks of its own
         source = stack.enter_context(Recording(path, largest))
         source.path = recording  # of which sentences speak, not of a copy of what is readable
-        bag = stack.enter_context(NewBag(output, source.custom_data))
+        custom_data = {**source.custom_data, **made_by('replay', given)}
+        bag = stack.enter_context(NewBag(output, custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
         if len(chosen) > 1:
             _check_several(given)

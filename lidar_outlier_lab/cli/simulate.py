@@ -126,6 +126,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _preset(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.recordings.provenance import made_by
     from lidar_outlier_lab.simulation.presets import make
     from lidar_outlier_lab.simulation.world.recording import write
 
@@ -137,7 +138,9 @@ def _preset(options: argparse.Namespace) -> int:
             advance(round(STEPS * done), STEPS)
 
         made = make(options.preset, options.seed, options.share, progress, options.form)
-        causes = write(made, output, lambda _: leave_if_asked())
+        given = {name: getattr(options, name) for name in ('preset', 'seed', 'share', 'form')}
+        how = made_by('simulate', **given)
+        causes = write(made, output, lambda _: leave_if_asked(), how)
     show(_table(causes), f'written to {output}')
     return DONE
 

@@ -11,6 +11,7 @@ import pytest
 from helpers.labelled import REJECTED, SCORED, TRUTH, results, rows, write
 from sklearn import metrics
 
+from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.evaluate import label_files, read_recording
 from lidar_outlier_filter.cli.main import main
 
@@ -132,3 +133,37 @@ def test_withheld_points_are_named(tmp_path: Path, capsys: Capture) -> None:
     for name, recall in (('withheld', '1 100.00 %'), ('classification', '0 0.00 %')):
         assert main([*command, '--verdict', name]) == 0
         assert any(f'recall {recall}' in line for line in printed(capsys))
+
+
+def test_how_it_was_made(tmp_path: Path) -> None:
+    """Versions, seeds and parameters of all steps are in the metadata, and in the evaluation."""
+    drive, cleaned, found = (tmp_path / name for name in ('drive', 'cleaned', 'found'))
+    steps = [
+        ['simulate', 'sotoodeh-hod', '--seed', '3', '--output', str(drive)],
+        ['replay', str(drive), '--set', 'chain=[lof]', '--output', str(cleaned)],
+        ['evaluate', str(cleaned), '--codes', '1-9', '--output', str(found)],
+    ]
+    assert [main(step) for step in steps] == [0, 0, 0]
+    made = json.loads((found / 'evaluation.json').read_text())['made']
+    history = made['history']
+    assert {made['version'], *(entry['version'] for entry in history.values())} == {__version__}
+    assert made['codes'] == '1-9'
+    assert (history['simulate']['preset'], history['simulate']['seed']) == ('sotoodeh-hod', 3)
+    assert history['replay']['parameters'] == {'chain': ['lof']}
+
+
+def test_how_a_file_was_made(tmp_path: Path) -> None:
+    """By the log of clean, where it lies beside the file; a log of others says nothing."""
+    rows = ''.join(f'{i % 9},{i % 7},{i / 10},{i % 2}\n' for i in range(50))
+    (cloud := tmp_path / 'a.csv').write_text(f'x,y,z,label\n{rows}')
+    assert main(['clean', str(cloud), '--chain', 'lof', '--set', 'lof.min_pts=7']) == 0
+    output = tmp_path / 'a_cleaned.csv'
+    log = output.with_name('a_cleaned.csv.json')
+    for name, text in (('ours', log.read_text()), ('others', '[1]'), ('deep', '[' * 99_999)):
+        log.write_text(text)
+        assert main(['evaluate', str(output), '--output', str(tmp_path / name)]) == 0
+        made = json.loads((tmp_path / name / 'evaluation.json').read_text())['made']
+        if name == 'ours':
+            assert made['history']['clean']['parameters']['lof.min_pts'] == 7
+        else:
+            assert made['history'] == {}

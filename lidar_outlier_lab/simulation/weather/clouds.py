@@ -27,6 +27,7 @@ from lidar_outlier_filter.messages.decoder import Convention, Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.provenance import made_by
 from lidar_outlier_filter.recordings.replay import choose_clouds
 from lidar_outlier_lab.simulation.presets import RETURN_NAMES
 from lidar_outlier_lab.simulation.weather import echoes, kinds
@@ -246,7 +247,11 @@ def put_onto(  # noqa: PLR0913  what the command line offers
     """
     given, counts = FilterParameters().changed(parameters or {}), WeatherCounts()
     store = get_typestore(Stores.ROS2_JAZZY)
-    with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
+    made = made_by('simulate', given, weather=weather, seed=seed, returns=returns)
+    with (
+        Recording(recording) as source,
+        NewBag(output, {**source.custom_data, **made}) as bag,
+    ):
         chosen = choose_clouds(source, topics, 'a topic for weather')
         put = {
             topic: CloudWeather(

@@ -125,9 +125,14 @@ def record(
 
 
 def write(
-    made: Iterable[Cloud], bag: Path, progress: Callable[[Cloud], object] = lambda _: None
+    made: Iterable[Cloud],
+    bag: Path,
+    progress: Callable[[Cloud], object] = lambda _: None,
+    custom_data: Mapping[str, str] | None = None,
 ) -> dict[Cause, int]:
     """Write clouds as an MCAP bag, and count points by cause; ``progress`` gets what is written.
+
+    ``custom_data`` is that of its ``metadata.yaml``.
 
     Raises
     ------
@@ -140,7 +145,7 @@ def write(
     definition, _ = store.generate_msgdef(name, ros_version=2)
     channels: dict[str, Topic] = {}
     causes = np.zeros(256, np.int64)
-    with NewBag(bag) as recording:
+    with NewBag(bag, custom_data) as recording:
         for cloud in made:
             if cloud.topic not in channels:
                 topic = Topic(cloud.topic, name, definition, store.hash_rihs01(name))
