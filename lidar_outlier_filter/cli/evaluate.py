@@ -59,12 +59,13 @@ def run_evaluate(options: argparse.Namespace) -> int:
         check_new(options.output, FOLDER)
     points, codes = _read(options)
     result = evaluate(points, codes)
+    if options.output is not None:
+        write(result, options.output, _how(options), draw=draw)
     for number, table in enumerate(tables(result)):
         if number:
             show('')
         show(table)
     if options.output is not None:
-        write(result, options.output, _how(options), draw=draw)
         show(f'written to {options.output}')
     return DONE if draw else INCOMPLETE
 

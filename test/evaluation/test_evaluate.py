@@ -3,12 +3,15 @@
 """The command evaluate: what it prints, writes and refuses, of recordings and of files."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
 from helpers.labelled import REJECTED, SCORED, TRUTH, results, rows, write
+from helpers.programs import TIMEOUT
 from sklearn import metrics
 
 from lidar_outlier_filter import __version__
@@ -167,3 +170,14 @@ def test_how_a_file_was_made(tmp_path: Path) -> None:
             assert made['history']['clean']['parameters']['lof.min_pts'] == 7
         else:
             assert made['history'] == {}
+
+
+def test_a_reader_that_stops(bag: Path, tmp_path: Path) -> None:
+    """As ``| head`` does: what --output asks for is written before anything is printed."""
+    command = [sys.executable, '-m', 'lidar_outlier_filter.cli.main', 'evaluate', str(bag)]
+    command += ['--output', str(tmp_path / 'a')]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        process.wait(TIMEOUT)
+    assert {path.name for path in (tmp_path / 'a').iterdir()} == FILES
