@@ -169,8 +169,10 @@ def _check_xml(path: Path) -> None:
     if found := _REFERENCE.search(xml):
         raise CloudError(what, 'without references to other files', repr(found[0].decode()))
     said = _ENCODING.match(xml.removeprefix(b'\xef\xbb\xbf'))
-    if b'\0' in xml or (said and said[1].lower() != b'utf-8'):
-        raise CloudError(what, 'in UTF-8', repr(said[1].decode('latin-1')) if said else 'zeros')
+    if said and said[1].lower() != b'utf-8':
+        raise CloudError(what, 'in UTF-8', repr(said[1].decode('latin-1')))
+    if b'\0' in xml:
+        raise CloudError(what, 'in UTF-8', 'zeros')
 
 
 def _scan(path: Path, node: Any, number: int) -> _PosedScan:
