@@ -303,12 +303,17 @@ class Decoder:
     def _in_turn(
         self, t: Ints, line: Ints, valid: Bools, stamp: Any, convention: Convention
     ) -> Ints:
-        """Let sweeps follow each other where their stamps stand still."""
-        start, trusted = _nanoseconds(stamp), not self._stamps.stands_still
+        """Let sweeps follow each other where their stamps stand still, or come too early."""
+        start, before = _nanoseconds(stamp), copy.copy(self._stamps)
         known = line[valid] if convention.line_source != 'message' else np.zeros(1, np.int64)
         behind = self._stamps.behind(start, t[valid] - start, known)
-        if trusted and self._stamps.stands_still:
+        if self._stamps.stands_still and not before.stands_still:
             self._warn('stamps stand still: each cloud follows the one before, by its own times')
+        if self._stamps.jitters and not before.jitters:
+            self._warn(
+                f'stamps jitter: a cloud began {behind / 1e6:.1f} ms before the end of the one '
+                'before; such clouds follow it, by their own times'
+            )
         return np.asarray(np.where(valid, t + behind, 0)) if behind else t
 
     def _line(self, view: Rows, xyz: Floats, valid: Bools, convention: Convention) -> Ints:

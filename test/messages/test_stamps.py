@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stamps that stand still: sweeps follow each other, pieces of one sweep stay where they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.scans import sweep
@@ -42,10 +44,43 @@ def test_sweeps_follow_each_other(stamps: list[int]) -> None:
     assert len(said) == 1
 
 
+def test_a_sweep_begins_after_the_end_of_the_one_before() -> None:
+    """Where stamps jitter: the latest of them shows when sweeps begin, and nothing adds up."""
+    turn, zero = sweep(1, 0.0), int(sweep(1, 0.0).t.min())
+    jitter = [30, -30, 12, -25, 30, -30, 12, -25]
+    stamps = [k * TURN + one * 1_000_000 for k, one in enumerate(jitter)]
+    begins, said = decoded([message(turn, stamp) for stamp in stamps])
+    off = np.array(begins) - zero - np.arange(8) * TURN
+    assert (np.diff(begins) > np.ptp(turn.t)).all()
+    assert ((off > 26_000_000) & (off < 31_000_000)).all()
+    assert (off[4:] == off[:4]).all()
+    early = (begins[1] - zero - stamps[1]) / 1e6
+    (sentence,) = said
+    assert sentence.startswith(f'stamps jitter: a cloud began {early:.1f} ms before the end of')
+
+
+def test_sensors_that_take_turns_keep_their_times() -> None:
+    """Messages of other lasers may overlap, and so may packets that arrive in another order."""
+    one = sweep(1, 0.0)
+    other = replace(one, line=one.line + 100)
+    stamps = [0, TURN // 2, TURN, TURN + TURN // 2]
+    begins, said = decoded([message(p, s) for p, s in zip([one, other] * 2, stamps, strict=True)])
+    # Sweeps that begin at the same azimuth, seen by lasers that look to either side.
+    aside = replace(one, t=one.t + one.line % 2 * 5_000_000)
+    aside_begins, aside_said = decoded([message(aside, k * TURN) for k in range(4)])
+    assert aside_begins == [k * TURN + one.t.min() for k in range(4)]
+    parts = [one.take(part) for part in np.array_split(np.argsort(one.t), 40)]
+    swapped = [message(parts[k], SECOND) for k in (0, 2, 1, 4, 3)]
+    more, also_said = decoded(swapped)
+    assert begins == [stamp + one.t.min() for stamp in stamps]
+    assert more == [SECOND + parts[k].t.min() for k in (0, 2, 1, 4, 3)]
+    assert not said + also_said + aside_said
+
+
 def test_good_stamps_are_not_touched() -> None:
-    """Neither jitter nor the pieces of a sweep, in any order of lines, are repetitions."""
+    """The pieces of a sweep, in any order of lines, are no repetitions."""
     turn, zero = sweep(1, 0.0), sweep(1, 0.0).t.min()
-    stamps = [0, TURN - 9_000_000, 2 * TURN + 5_000_000, 5 * TURN]
+    stamps = [0, TURN, 2 * TURN + 5_000_000, 5 * TURN]
     begins, said = decoded([message(turn, stamp) for stamp in stamps])
     assert begins == [stamp + zero for stamp in stamps]
     for order in (np.argsort(turn.t), np.lexsort((turn.t, turn.line))):
