@@ -40,6 +40,10 @@ MIN_RING_DEGREES = 15  # of azimuth, in which a typical ring has returns
 MIN_RING_TURN_RAD = 0.3  # rad that a ring covers at least
 MIN_GRID_RETURNS = 4  # of a row or column that shows an elevation
 MAX_MISSES = 3  # blocks without rings, after which a stream has none
+# Share of returns after which the next of their ring is off, and one of those after it is near.
+# Of two sensors it was 0.92 and more, of one, in any frame, 0.14 and less.
+MIN_TURNS_SHARE = 0.5
+LATER, OFF_TIMES = (2, 3, 4), 4.0  # returns on; times as far
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
 
 
@@ -169,6 +173,36 @@ def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
         return None
     pattern = find_pattern(replace(points, line=ring), threads)
     return find_pattern(turned, threads, spins=True) if pattern is None else pattern
+
+
+def share_rings(points: Points) -> bool:
+    """Return whether returns of several sensors, of the same ring numbers, take turns in time.
+
+    Parameters
+    ----------
+    points : valid ones, with rings as lines, in any frame
+
+    """
+    order = order_by_line(points)
+    line = points.line[order]
+    first = line_starts(line)
+    if len(first) <= MIN_RINGS or not is_interleaved(points.t[order], first):
+        return False
+    xyz = points.xyz[order]
+    # Two returns of a shot are off each other, too, but in one direction.
+    length = np.sqrt((xyz**2).sum(axis=1, keepdims=True))
+    towards = np.divide(xyz, length, out=np.zeros_like(xyz), where=length > 0)
+
+    def away(on: int) -> Floats:
+        """Return how far the direction is of a return that is so many on in the ring."""
+        found = np.full(len(line), np.inf)
+        same = np.flatnonzero(line[on:] == line[:-on])
+        found[same] = np.sqrt(((towards[same + on] - towards[same]) ** 2).sum(axis=1))
+        return found
+
+    following, later = away(1), np.minimum.reduce([away(on) for on in LATER])
+    turns = OFF_TIMES * later < following
+    return bool(turns[np.isfinite(following)].mean() > MIN_TURNS_SHARE)
 
 
 def rows_are_columns(xyz: Floats, valid: Bools) -> bool:

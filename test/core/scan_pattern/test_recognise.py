@@ -11,9 +11,9 @@ from helpers.scans import TURN_NS, Drive, sweep
 
 from lidar_outlier_filter import CloudFilter, detect_outliers
 from lidar_outlier_filter.core.annotations import Bools
-from lidar_outlier_filter.core.detectors.boosted_trees.methods import detect
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose, detect
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.core.points.scan_lines import order_by_line
 from lidar_outlier_filter.core.scan_pattern.recognise import (
     Kept,
@@ -21,6 +21,7 @@ from lidar_outlier_filter.core.scan_pattern.recognise import (
     recognise,
     ring_spread,
     rows_are_columns,
+    share_rings,
 )
 from lidar_outlier_filter.core.scan_pattern.steady_times import with_steady_times
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -73,6 +74,25 @@ def test_spread_shows_where_beams_leave() -> None:
         assert ring_spread(replace(points, xyz=points.xyz + away), order) > 0.5
     lines = Drive(3, 0.0).points
     assert ring_spread(lines, order_by_line(lines)) == np.inf
+
+
+@pytest.mark.parametrize('behind', [0, 3_141_592])
+def test_two_sensors_that_share_ring_numbers_are_named(behind: int) -> None:
+    """Whether they measure at the same times or not; one sensor is none, in whatever frame."""
+    one = turn()
+    beside = replace(one, xyz=one.xyz + np.array([0.5, -2.0, 0.0]), t=one.t + behind)
+    both = concatenate([replace(one, xyz=one.xyz + np.array([0.5, 1.0, 0.0])), beside])
+    both = both.take(np.argsort(both.t, kind='stable'))
+    assert recognise(both, 'auto') is None
+    assert share_rings(both)
+    parameters = FilterParameters()
+    method, _ = choose(DetectorInput(both, parameters), parameters)
+    assert method is Method.SHARED
+    assert ', because ' in method.value  # which is a warning
+    for moved in (0.0, 20.0, 450e3):
+        assert not share_rings(replace(one, xyz=one.xyz + moved))
+    two_returns = concatenate([one, replace(one, xyz=1.2 * one.xyz)])
+    assert not share_rings(two_returns)
 
 
 def test_known_rings_are_not_sought_again() -> None:

@@ -39,7 +39,12 @@ from lidar_outlier_filter.core.neighbours.typical import K
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
-from lidar_outlier_filter.core.scan_pattern.recognise import Kept, SensorKind, recognise
+from lidar_outlier_filter.core.scan_pattern.recognise import (
+    Kept,
+    SensorKind,
+    recognise,
+    share_rings,
+)
 from lidar_outlier_filter.core.scan_pattern.resemblance import is_plausible
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -63,6 +68,10 @@ class Method(Enum):
     IMPLAUSIBLE = (
         'trees on the neighbours of each point, because on the scan pattern surfaces were rejected'
     )
+    SHARED = (
+        'trees on the neighbours of each point, because sensors share ring numbers: filter each by '
+        'itself, before their clouds are merged'
+    )
     UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
     UNMET = 'no trees, untested: the points have no pattern of boosted_trees.sensor'
 
@@ -71,6 +80,7 @@ METHODS = {
     Method.PATTERN.value: _PATTERN,
     Method.NEIGHBOURS.value: _NEIGHBOURS,
     Method.IMPLAUSIBLE.value: _NEIGHBOURS,
+    Method.SHARED.value: _NEIGHBOURS,
 }
 
 
@@ -118,7 +128,8 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     if sensor != 'auto':
         return Method.UNMET, None
     if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
-        return Method.NEIGHBOURS, None
+        is_shared = seen.cached(('shared rings',), lambda: share_rings(points))
+        return Method.SHARED if is_shared else Method.NEIGHBOURS, None
     return Method.UNTESTED, None
 
 
@@ -256,7 +267,7 @@ def contributions(
             if asked.any():
                 added[:, column[members[asked]]] = _of_pattern(part, asked, seen.threads)
         return Contributions(method.value, names, added)
-    if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE}:
+    if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing)
