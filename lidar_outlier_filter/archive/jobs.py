@@ -173,9 +173,10 @@ class ReplayJob(Job):
 
 
 def _counts(topic: TopicReport) -> dict[str, Any]:
-    names = ('messages', 'points', 'rejected', 'untested', 'untested_because', 'refused', 'gaps')
+    names = ('messages', 'points', 'rejected', 'untested', 'invalid', 'refused', 'gaps')
     return {
-        **{name: getattr(topic, name) for name in names},
+        **{name: getattr(topic, name) for name in (*names, 'untested_because')},
+        'methods': list(topic.methods),
         'kept': topic.points - topic.rejected - topic.dropped,
         'rejected_by': dict(topic.rejected_by),
     }

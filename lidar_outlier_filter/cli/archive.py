@@ -25,8 +25,9 @@ from lidar_outlier_filter.archive.publish import check_reached, new_bag, tidy
 from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
 from lidar_outlier_filter.archive.sidecar import ArchiveRecord, read_folder
 from lidar_outlier_filter.archive.workers import Workers
-from lidar_outlier_filter.cli.tables import show_replayed, status
+from lidar_outlier_filter.cli.tables import say_implausible, show_replayed, status
 from lidar_outlier_filter.cli.terminal import (
+    IMPLAUSIBLE,
     beside,
     progress_bar,
     read_parameters,
@@ -76,7 +77,9 @@ def replay_archive(options: argparse.Namespace) -> int:
     show_replayed(tasks, records, results, job, folder)
     if any(record.is_failed for record in records) and not options.salvage:
         say('--salvage filters what can be read of damaged recordings')
-    return status(records)
+    accepted = options.accept_share
+    odd = [say_implausible(record.source, record.topics, accepted) for record in records]
+    return IMPLAUSIBLE if any(odd) else status(records)
 
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:

@@ -28,7 +28,8 @@ def add_replay(commands: Commands) -> None:
         'folder; recordings that are already done are skipped. Exit status: 0 all done; 1 refused, '
         'or all clouds refused: nothing is written; 3 written, but clouds or recordings '
         'were refused and have no output, no point of a topic could be tested, or part of a '
-        'damaged recording is lost. Recordings without clouds are ignored.',
+        'damaged recording is lost; 4 written, but more was rejected than --accept-share allows. '
+        'Recordings without clouds are ignored.',
         epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
         "  lidar-outlier-filter replay 'drives/*' --output cleaned --set chain=[lof,sor]",
     )
@@ -55,6 +56,7 @@ def add_replay(commands: Commands) -> None:
         action='store_true',
         help='do not copy the input clouds',
     )
+    _add_accepted_share(parser, 'the exit status is 4')
     add(
         '--salvage',
         action='store_true',
@@ -95,13 +97,7 @@ def add_clean(commands: Commands) -> None:
         action='store_true',
         help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
     )
-    add(
-        '--accept-share',
-        type=float,
-        metavar='SHARE',
-        help='share of the points that may be rejected; beyond, the file is refused; default: 0.15 '
-        'for boosted_trees, 1 for others',
-    )
+    _add_accepted_share(parser, 'the file is refused')
     add_worker_options(parser)
     add(
         '--tile',
@@ -126,6 +122,23 @@ def add_clean(commands: Commands) -> None:
     add('--table', metavar='NAME', help='table of a database; default: the only one')
     add_chain_option(parser)
     add_parameter_options(parser)
+
+
+def _add_accepted_share(parser: ArgumentParser, beyond: str) -> None:
+    """Add the option for how much may be rejected."""
+    parser.add_argument(
+        '--accept-share',
+        type=float,
+        metavar='SHARE',
+        help=f'share of the points that may be rejected; beyond, {beyond}; default: 0.15 for '
+        'boosted_trees, 1 for others',
+    )
+
+
+def check_accepted_share(options: Namespace) -> None:
+    """Refuse a share that is none."""
+    if options.accept_share is not None and not 0 <= options.accept_share <= 1:
+        raise FilterError('--accept-share', 'from 0 to 1', options.accept_share)
 
 
 def _add_outputs(parser: ArgumentParser) -> None:

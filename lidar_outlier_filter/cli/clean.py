@@ -15,7 +15,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli import tables
-from lidar_outlier_filter.cli.arguments import check_workers
+from lidar_outlier_filter.cli.arguments import check_accepted_share, check_workers
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -171,8 +171,7 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
             raise ParameterError(name, 'given for one file', f'{count} files')
         if value and (options.scheduler or options.scheduler_file):
             raise ParameterError(name, 'left out with --scheduler', value)
-    if options.accept_share is not None and not 0 <= options.accept_share <= 1:
-        raise ParameterError('--accept-share', 'from 0 to 1', options.accept_share)
+    check_accepted_share(options)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:

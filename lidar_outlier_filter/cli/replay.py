@@ -9,9 +9,11 @@ from rich.table import Table
 
 from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
 from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
-from lidar_outlier_filter.cli.arguments import check_workers
+from lidar_outlier_filter.cli.arguments import check_accepted_share, check_workers
+from lidar_outlier_filter.cli.tables import say_implausible
 from lidar_outlier_filter.cli.terminal import (
     DONE,
+    IMPLAUSIBLE,
     INCOMPLETE,
     REFUSED,
     can_draw,
@@ -38,6 +40,7 @@ def run_replay(options: argparse.Namespace) -> int:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
     is_many = is_archive(options.recording)
     check_workers(options, is_archive=is_many)
+    check_accepted_share(options)
     if is_many:
         return replay_archive(options)
     try:
@@ -49,6 +52,9 @@ def run_replay(options: argparse.Namespace) -> int:
         say(f'{err}; --salvage filters what can be read of it')
         return REFUSED
     _show(report)
+    topics = {topic.topic: vars(topic) for topic in report.topics}
+    if say_implausible(path_at(options.recording).name, topics, options.accept_share):
+        return IMPLAUSIBLE
     is_tested = not any(topic.untested_because for topic in report.topics)
     return DONE if report.is_complete and is_tested else INCOMPLETE
 

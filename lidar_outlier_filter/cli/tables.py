@@ -13,8 +13,11 @@ from rich import box
 from rich.table import Table
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, REFUSED, numbers, say, show
+from lidar_outlier_filter.core.detectors.plausible import check_share
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.clean import CleanReport
 from lidar_outlier_filter.files.judged_file import unit_text
+from lidar_outlier_filter.parameters.declaration import MASK
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.archive.jobs import Job, Result, Task
@@ -81,6 +84,34 @@ def print_counts(
         more = f' and {len(empty) - MAX_NAMES:,} more' if len(empty) > MAX_NAMES else ''
         counts += f', {len(empty)} without clouds: {names}{more}'
     show(counts)
+
+
+def say_implausible(
+    what: str, topics: Mapping[str, Mapping[str, Any]], accepted: float | None
+) -> bool:
+    """Report topics of which more was rejected than can be outliers; return whether there are any.
+
+    Parameters
+    ----------
+    what : the recording
+    topics : counts by topic
+    accepted : share of the points that may be rejected
+
+    """
+    found = False
+    for name, counts in topics.items():
+        try:
+            check_share(
+                f'{name} of {what}',
+                counts['rejected'] - counts['rejected_by'].get(MASK, 0),
+                counts['points'] - counts['untested'] - counts.get('invalid', 0),
+                counts.get('methods', ()),
+                accepted,
+            )
+        except CloudError as err:
+            say(str(err))
+            found = True
+    return found
 
 
 def say_lacks(task: Task, record: ArchiveRecord) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
 # Exit statuses; argparse itself exits with 2.
-DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
+DONE, REFUSED, INCOMPLETE, IMPLAUSIBLE, INTERRUPTED = 0, 1, 3, 4, 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
 MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')

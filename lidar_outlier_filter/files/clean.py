@@ -22,6 +22,7 @@ from numpy.typing import DTypeLike, NDArray
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.annotations import Allocate, Progress
 from lidar_outlier_filter.core.detectors import registry
+from lidar_outlier_filter.core.detectors.plausible import check_share
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
 from lidar_outlier_filter.disk.new_files import check_new, new_files, writable
@@ -42,11 +43,6 @@ from lidar_outlier_filter.files.points import say_coarse
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
-
-# Share of a file that the default detector may reject unasked. Of labelled clouds up to 10 % were
-# outliers; methods that do not fit a file rejected half of it, and more.
-MAX_REJECTED_SHARE = 0.15
-MIN_SHARE_POINTS = 1000  # points of a file, of which fewer show no share
 
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow', 'python-neo-lzf')
 
@@ -168,7 +164,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
         if inspect is not None:
             inspect(judged)
         if not options.dry:
-            check_share(judged)
+            _check_share(judged)
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
             for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
@@ -187,23 +183,16 @@ def log_of(output: Path) -> Path:
     return output.with_name(f'{output.name}.json')
 
 
-def check_share(judged: JudgedFile) -> None:
-    """Refuse a file of which more is rejected than can be outliers, unless options accept that.
-
-    Detectors other than the default reject as much as their thresholds say: they have no limit.
-    """
-    tested = int(np.count_nonzero(~np.isnan(judged.verdict.score)))
-    limit = judged.options.accept_share
-    if limit is None:
-        limit = MAX_REJECTED_SHARE if judged.methods and tested >= MIN_SHARE_POINTS else 1.0
-    share = int(np.count_nonzero(judged.verdict.rejected)) / max(tested, 1)
-    if share > limit:
-        by = f' by {" and by ".join(judged.methods)}' if judged.methods else ''
-        must_be = (
-            f'at most {limit:.1%} of the points, unless --accept-share says so; '
-            'boosted_trees.sensor=survey may judge better, and --dry-run shows where'
-        )
-        raise CloudError(f'what is rejected of {judged.file.path}', must_be, f'{share:.1%}{by}')
+def _check_share(judged: JudgedFile) -> None:
+    """Refuse a file of which more is rejected than can be outliers, unless options accept that."""
+    check_share(
+        str(judged.file.path),
+        int(np.count_nonzero(judged.verdict.rejected)),
+        int(np.count_nonzero(~np.isnan(judged.verdict.score))),
+        judged.methods,
+        judged.options.accept_share,
+        helps='; boosted_trees.sensor=survey may judge better, and --dry-run shows where',
+    )
 
 
 @contextmanager

@@ -108,7 +108,7 @@ class TopicReport:
     ``sentences`` has the first sentence for each. ``gaps`` counts gaps between clouds.
     Under ``motion.source``, ``without_pose`` counts clouds with points that were not moved.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order;
-    those on the own vehicle are rejected by ``mask``.
+    those on the own vehicle are rejected by ``mask``. ``methods`` names how the default judged.
     """
 
     topic: str
@@ -125,6 +125,7 @@ class TopicReport:
     sentences: Mapping[str, str]
     gaps: int = 0
     without_pose: int = 0
+    methods: tuple[str, ...] = ()
 
     @property
     def refused_because(self) -> str:
@@ -279,6 +280,7 @@ class CloudTopic:
             dict(self._sentences),
             self._times.gaps,
             counts.without_pose,
+            tuple(counts.methods),
         )
 
 

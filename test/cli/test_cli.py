@@ -148,6 +148,26 @@ def test_several_parameter_files(tmp_path: Path) -> None:
     assert read_parameters(options.params, options.settings) == {}
 
 
+def test_too_much_rejected_gives_status_4(drive: Path, tmp_path: Path, capsys: Capture) -> None:
+    """The output is written, of one recording or of a folder, and the exit status says not."""
+    many, one = tmp_path / 'many', tmp_path / 'one'
+    most = ['--set', 'boosted_trees.threshold=0.1']
+    assert main(['replay', str(drive), '--output', str(one), *most]) == 4
+    error = capsys.readouterr().err
+    assert f'\nwhat is rejected of /velodyne_points of {drive.name} must be at most 15.0%' in error
+    assert 'unless --accept-share says so' in error
+    assert 'by trees on the ' in error.splitlines()[-1]
+    again = ['replay', str(tmp_path / '[d]rive'), '--output', str(many)]
+    assert main([*again, *most]) == 4
+    assert main([*again, *most]) == 4
+    assert '1 done before' in capsys.readouterr().out
+    assert main([*again, *most, '--accept-share', '1']) == 0
+    assert main([*again, *most, '--accept-share', '-1']) == 1
+    assert 'from 0 to 1' in capsys.readouterr().err
+    with Recording(one) as recording:
+        assert '/velodyne_points/cleaned' in {topic.name for topic in recording.topics}
+
+
 def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Capture) -> None:
     """Where an output is missing, the output is written, and the exit status says not."""
     source = tmp_path / 'damaged'

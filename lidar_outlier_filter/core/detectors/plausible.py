@@ -1,11 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A check of verdicts that needs no labels: what is rejected must not form surfaces."""
+"""Checks of verdicts that need no labels: what is rejected is not much, and forms no surfaces."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.errors import CloudError
 
 MIN_SHARE = 0.03  # of the points, up to which nothing is checked: clean data have far less rejected
 MIN_REJECTED = 64  # points, fewer show no surface
@@ -14,6 +17,10 @@ NEAREST = 8  # other rejected points
 # Typical thickness ÷ extent of rejected neighbours. In simulated snow, fog, dust and spray it was
 # 0.24 and more, also where 58 % of the points were fog; of surfaces 0.001.
 MAX_FLATNESS = 0.05
+# Share of a file or topic that the default detector may reject unasked. Of labelled clouds up to
+# 10 % were outliers; methods that do not fit a file rejected half of it, and more.
+MAX_REJECTED_SHARE = 0.15
+MIN_SHARE_POINTS = 1000  # points, of which fewer show no share
 
 
 def rejects_surfaces(xyz: Floats, rejected: Bools, threads: int = 0) -> bool:
@@ -39,3 +46,35 @@ def rejects_surfaces(xyz: Floats, rejected: Bools, threads: int = 0) -> bool:
     squares = np.linalg.eigvalsh(np.einsum('ski,skj->sij', about, about))
     extent = np.maximum(squares.sum(axis=1), np.finfo(float).tiny)
     return bool(np.median(np.maximum(squares[:, 0], 0.0) / extent) < MAX_FLATNESS**2)
+
+
+def check_share(
+    what: str,
+    rejected: int,
+    tested: int,
+    methods: Sequence[str],
+    accepted: float | None,
+    *,
+    helps: str = '',
+) -> None:
+    """Refuse verdicts that reject more than can be outliers, unless the user accepts that.
+
+    Detectors other than the default reject as much as their thresholds say: they have no limit.
+
+    Parameters
+    ----------
+    what : the file or topic, for the sentence
+    rejected, tested : points
+    methods : how the default judged, by name; empty: other detectors did
+    accepted : share of the tested points that may be rejected; None: what the default may
+    helps : what may judge better, for the sentence
+
+    """
+    limit = accepted
+    if limit is None:
+        limit = MAX_REJECTED_SHARE if methods and tested >= MIN_SHARE_POINTS else 1.0
+    share = rejected / max(tested, 1)
+    if share > limit:
+        by = f' by {" and by ".join(methods)}' if methods else ''
+        must_be = f'at most {limit:.1%} of the points, unless --accept-share says so{helps}'
+        raise CloudError(f'what is rejected of {what}', must_be, f'{share:.1%}{by}')
