@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidar_outlier_filter.core.engine.chain import uses_lines
+from lidar_outlier_filter.core.engine.chain import Chain, say_method, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points import columns as usual
@@ -148,7 +148,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     parameters : mapping of flat names to values, or FilterParameters; optional
         Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` have no effect here.
     inform, warn : callable, optional
-        Called with sentences on how the cloud is read, as those of :class:`CloudFilter`.
+        Called with sentences on how the cloud is read and judged, as those of
+        :class:`CloudFilter`.
 
     Returns
     -------
@@ -183,7 +184,11 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         check_chain(settings.chain, 'the cloud', reason)
         zeros = np.zeros(len(points), np.int64)
         points = with_rings(replace(points, t=zeros, line=zeros), settings)
-    return judge_whole(points, settings)
+    judging = Chain(settings)
+    verdict = judge_whole(points, settings, judging)
+    for method in judging.methods:
+        say_method(method, inform, warn)
+    return verdict
 
 
 def _decode(

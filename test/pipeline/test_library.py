@@ -19,6 +19,7 @@ from lidar_outlier_filter import (
     detect_outliers,
 )
 from lidar_outlier_filter.core.annotations import Floats, Rows
+from lidar_outlier_filter.core.engine.chain import say_method
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # Recorded clouds carry them: they never change.
@@ -268,3 +269,15 @@ def test_names_of_fields_in_a_log() -> None:
     stream.push(message)
     assert any('[FATAL]' in text for text in said)
     assert all(text.isprintable() for text in said)
+
+
+def test_the_method_is_named_as_in_a_stream() -> None:
+    """An array has no counts, so a sentence says how the default judged: a warning, if need be."""
+    said, warned = list[str](), list[str]()
+    detect_outliers(floor(), inform=said.append, warn=warned.append)
+    assert said == ['judged by trees on the neighbours of each point']
+    detect_outliers(floor(), chain='sor', inform=said.append, warn=warned.append)
+    assert len(said) == 1
+    assert not warned
+    say_method('one, because another failed', said.append, warned.append)
+    assert warned == ['judged by one, because another failed']

@@ -33,6 +33,11 @@ def uses_lines(chain: Sequence[str]) -> bool:
     return any(DETECTORS[name].lines != 'no' for name in chain)
 
 
+def say_method(method: str, inform: Callable[[str], object], warn: Callable[[str], object]) -> None:
+    """Say by which method the default judged; warn where another one would have been better."""
+    (warn if ', because ' in method else inform)(f'judged by {method}')
+
+
 class Chain:
     """The detectors of one set of parameters."""
 

@@ -151,7 +151,8 @@ def too_coarse_times(values: NDArray[Any], valid: Bools) -> str:
 def telling(intensity: Singles | None) -> Singles | None:
     """Return the intensities that say something of their points; NaN are unknown.
 
-    None where all are equal, as in drivers without intensity; where many are 0, these are unknown.
+    None where all are equal, as in drivers without intensity; where many are 0, these are unknown,
+    and none tells anything if the others are equal.
     """
     if intensity is None:
         return None
@@ -160,6 +161,9 @@ def telling(intensity: Singles | None) -> Singles | None:
         return None
     if np.count_nonzero(known) >= (1.0 - MAX_ZERO_SHARE) * len(known):
         return intensity
+    rest = known[known > 0]
+    if rest.min() == rest.max():
+        return None
     return np.where(intensity == 0, np.float32(np.nan), intensity)
 
 

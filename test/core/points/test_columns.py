@@ -152,6 +152,7 @@ def test_intensities_that_say_nothing() -> None:
     assert columns.telling(None) is None
     assert columns.telling(np.zeros(9, np.float32)) is None
     assert columns.telling(np.full(9, 7, np.float32)) is None
+    assert columns.telling(np.array([0, 7, 0, 7], np.float32)) is None
     half = np.array([0, 1, 0, 2], np.float32)
     np.testing.assert_array_equal(columns.telling(half), [np.nan, 1, np.nan, 2])
     some = np.array([0, 1, 3, 2, np.nan], np.float32)
