@@ -133,6 +133,22 @@ def grid(points: Any, *, columns_first: bool, packed: bool = False) -> Any:
     return np.ascontiguousarray(image.T) if columns_first else image
 
 
+def stretched(points: Any, *, timed: bool) -> Any:
+    """Fill rows of a range image as KITTI's are: evenly, from a ring's first return to its last.
+
+    Missing returns are not in its files, so azimuth is not linear in the column.
+    """
+    parts = np.split(by_ring(points), np.flatnonzero(np.diff(np.sort(points['ring']))) + 1)
+    width = max(map(len, parts))
+    image = np.zeros((len(parts), width), points.dtype)
+    for axis in 'xyz':
+        image[axis] = np.nan
+    for row, part in zip(image, parts, strict=True):
+        row[np.arange(len(part)) * width // len(part)] = part
+    image['t'] = (np.arange(width) * (float(np.ptp(points['t'])) / width)).astype(np.uint32)
+    return bare(image, 'ring') if timed else bare(image)
+
+
 def bare(points: Any, *names: str) -> Any:
     """Leave fields out."""
     return drop_fields(points, names or ('ring', 't'))
@@ -233,6 +249,8 @@ LAYOUTS: dict[str, Layout] = {
     'rows packed to the left, t of columns': each(
         lambda p: bare(grid(p, columns_first=False, packed=True), 'ring')
     ),
+    'KITTI rows, x y z i': each(lambda p: stretched(p, timed=False)),
+    'KITTI rows, t of columns': each(lambda p: stretched(p, timed=True)),
     'rosette, 4 messages': lambda _: each(lambda p: bare(p, 'ring'))(simulated(0)),
     'rosette, 41 messages': lambda _: each(lambda p: bare(p, 'ring'))(
         list(pieces(10)(simulated(0)))

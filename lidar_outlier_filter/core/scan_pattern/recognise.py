@@ -44,6 +44,9 @@ MAX_MISSES = 3  # blocks without rings, after which a stream has none
 # Of two sensors it was 0.92 and more, of one, in any frame, 0.14 and less.
 MIN_TURNS_SHARE = 0.5
 LATER, OFF_TIMES = (2, 3, 4), 4.0  # returns on; times as far
+STRETCHES = 64  # of time
+MIN_STRETCH_PART = 0.25  # of the returns that a ring has in a stretch on average
+MIN_TIMED_SHARE = 0.3  # of the stretches, in which a typical ring has returns
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
 
 
@@ -171,8 +174,31 @@ def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
     degrees = len(np.unique(ring * 360 + turned.t * 360 // SECOND))
     if degrees < MIN_RING_DEGREES * len(rings.angles):
         return None
-    pattern = find_pattern(replace(points, line=ring), threads)
-    return find_pattern(turned, threads, spins=True) if pattern is None else pattern
+    timed = replace(points, line=ring)
+    pattern = find_pattern(timed, threads) if _are_timed_together(timed) else None
+    if pattern is not None:
+        return pattern
+    order = order_by_line(points)
+    first = line_starts(points.line[order])
+    if len(first) <= MIN_RINGS and not is_interleaved(points.t[order], first):
+        # Lines are messages, each a turn of its own, or a part of one.
+        _, message = np.unique(points.line, return_inverse=True)
+        turned = replace(turned, t=turned.t + 2 * SECOND * message)
+    return find_pattern(turned, threads, spins=True)
+
+
+def _are_timed_together(points: Points) -> bool:
+    """Return whether typical rings have their part of the returns at nearly every time.
+
+    Where points come ring by ring, and times follow from their order, each ring has its own.
+    Stretches of time are those of equal numbers of points.
+    """
+    stretch = np.empty(len(points), np.int64)
+    stretch[np.argsort(points.t, kind='stable')] = np.arange(len(points)) * STRETCHES // len(points)
+    _, ring = np.unique(points.line, return_inverse=True)
+    count = np.bincount(ring * STRETCHES + stretch, minlength=(ring.max() + 1) * STRETCHES)
+    part = count.reshape(-1, STRETCHES) >= MIN_STRETCH_PART * len(points) / len(count)
+    return bool(np.median(part.mean(axis=1)) >= MIN_TIMED_SHARE)
 
 
 def share_rings(points: Points) -> bool:

@@ -95,6 +95,24 @@ def test_two_sensors_that_share_ring_numbers_are_named(behind: int) -> None:
     assert not share_rings(two_returns)
 
 
+def test_sweeps_that_come_ring_by_ring_are_turns_of_their_own() -> None:
+    """Without rings and times: neither the order nor the sweep before is taken for neighbours."""
+    rng, expected, parts = np.random.default_rng(1), [], []
+    for k in range(2):
+        one = turn(1 + k)
+        # Near returns seem to be of another ring: here the order of some is another.
+        some = rng.permutation(len(one))[: len(one) // 20]
+        place = np.arange(len(one))
+        place[some] = np.roll(some, 1)
+        line, t = one.line[place], one.t[place]
+        by_ring = one.take(np.lexsort((t, line)))
+        expected.append(rejected(replace(by_ring, line=0 * by_ring.line, t=0 * by_ring.t)))
+        counted = k * TURN_NS + 100 * np.arange(len(one))
+        parts.append(replace(by_ring, line=0 * by_ring.line + k, t=counted))
+    np.testing.assert_array_equal(rejected(parts[0]), expected[0])
+    np.testing.assert_array_equal(rejected(concatenate(parts)), np.concatenate(expected))
+
+
 def test_known_rings_are_not_sought_again() -> None:
     """A stream keeps its rings; one that has none for three blocks is asked no more."""
     kept, points = Kept(), turn()
