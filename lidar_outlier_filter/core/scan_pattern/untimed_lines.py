@@ -77,6 +77,9 @@ def find_by_order(lines: TimedLines, time: Ints, threads: int = 0) -> Scanner | 
         if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:
             return None
         known = _surest(fit, np.flatnonzero(good), line[:, 0])
+        known = known[np.argsort(when[line[known, 0]], kind='stable')]
+        if not (np.diff(when[line[known, 0]]) > 0).all():
+            return None  # time does not pass
         velocity = velocities(fit.position[known], when[line[known, 0]], when, SECOND)
     position = _positions(fit.position[known], when[line[known, 0]], when)
     moved = np.repeat(velocity, lines.sizes, axis=0) * (since / SECOND)[:, None]
