@@ -26,7 +26,7 @@ MIN_RING_RETURNS, MIN_RINGS = 32, 4  # points of a ring, and rings, fewer show n
 MOMENT_S = 0.05  # seconds between the moments
 MAX_STRETCH_S = 2.0  # seconds: longer stretches would have too many moments
 MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
-FITS, LEANS = 20, 3
+FITS, LAST_FITS, LEANS = 10, 20, 3
 CONVERGED = 1e-5  # m and rad: a fit that changes less is done
 MIN_UP_COSINE = 0.5  # cosine of the most that it may lean
 MAX_OFF_STEPS = 0.5  # steps of the head that a typical return may be off its azimuth
@@ -111,7 +111,7 @@ def _find(some: _Some) -> tuple[Floats, Floats, float]:
         before, turn = turn, _upright(np.rint(up * LEAN_PARTS) / LEAN_PARTS)
         position = position @ before @ turn.T
         seen = some._replace(xyz=np.einsum('rsj,ij->rsi', some.xyz, turn))
-    position, off = _fit(seen, position)
+    position, off = _fit(seen, position, LAST_FITS)
     position[:, 2], _ = _level(seen, position)
     return np.rint(position * POSITION_PARTS) / POSITION_PARTS, turn, off
 
@@ -137,7 +137,7 @@ def _first_guess(xyz: Floats) -> Floats:
     return np.asarray(np.rint(np.median(centres, axis=0)))
 
 
-def _fit(some: _Some, position: Floats) -> tuple[Floats, float]:
+def _fit(some: _Some, position: Floats, fits: int = FITS) -> tuple[Floats, float]:
     """Fit x and y of the sensor and its azimuth at each moment; return how far points are off.
 
     Rings have constants of their own: their beams may leave to one side.
@@ -146,7 +146,7 @@ def _fit(some: _Some, position: Floats) -> tuple[Floats, float]:
     east, north = np.moveaxis((some.xyz - some.at @ position)[:, :, :2], 2, 0)
     behind = np.exp(1j * (np.arctan2(north, east) - some.phase))
     phase = some.phase + np.angle(behind.mean())
-    for _ in range(FITS):
+    for _ in range(fits):
         east, north = np.moveaxis((some.xyz - some.at @ position)[:, :, :2], 2, 0)
         sine, cosine = np.sin(phase), np.cos(phase)
         beside, far = east * sine - north * cosine, east * cosine + north * sine

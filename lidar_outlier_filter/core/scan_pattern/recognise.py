@@ -178,13 +178,21 @@ def _find_in_rings(points: Points, kept: Kept, threads: int) -> Pattern | None:
     pattern = find_pattern(timed, threads) if _are_timed_together(timed) else None
     if pattern is not None:
         return pattern
+    turned = replace(turned, t=turned.t + 2 * SECOND * _turn_numbers(points))
+    return find_pattern(turned, threads, spins=True)
+
+
+def _turn_numbers(points: Points) -> Ints:
+    """Return the turn (N,) of points that have no time in it: their message, or a part of one."""
+    _, message = np.unique(points.t, return_inverse=True)
+    if message.max() < MIN_RINGS:  # all points of a message have its stamp
+        return message
     order = order_by_line(points)
     first = line_starts(points.line[order])
-    if len(first) <= MIN_RINGS and not is_interleaved(points.t[order], first):
-        # Lines are messages, each a turn of its own, or a part of one.
-        _, message = np.unique(points.line, return_inverse=True)
-        turned = replace(turned, t=turned.t + 2 * SECOND * message)
-    return find_pattern(turned, threads, spins=True)
+    if len(first) > MIN_RINGS or is_interleaved(points.t[order], first):
+        return np.zeros(len(points), np.int64)
+    _, message = np.unique(points.line, return_inverse=True)
+    return message
 
 
 def _are_timed_together(points: Points) -> bool:
@@ -262,7 +270,8 @@ def _typical_turn(xyz: Floats, valid: Bools) -> float:
     azimuth = np.where(valid, np.arctan2(xyz[..., 1], xyz[..., 0]), np.nan)
     step = np.diff(azimuth, axis=0)
     step -= 2.0 * np.pi * np.rint(step / (2.0 * np.pi))
-    return float(abs(np.nansum(np.nanmedian(step, axis=1))))
+    measured = step[np.isfinite(step).any(axis=1)]
+    return float(abs(np.nanmedian(measured, axis=1).sum()))
 
 
 def _grid_spread(sine: Floats) -> float:

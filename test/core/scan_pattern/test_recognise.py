@@ -113,6 +113,13 @@ def test_sweeps_that_come_ring_by_ring_are_turns_of_their_own() -> None:
     np.testing.assert_array_equal(rejected(concatenate(parts)), np.concatenate(expected))
 
 
+def test_sweeps_that_have_their_stamp_only_are_turns_of_their_own() -> None:
+    """Where the times of all points of a message are equal, two messages are not one turn."""
+    sweeps = [replace(turn(1 + k), t=np.full(len(turn(1 + k)), k * TURN_NS)) for k in range(2)]
+    expected = np.concatenate([rejected(one) for one in sweeps])
+    np.testing.assert_array_equal(rejected(concatenate(sweeps)), expected)
+
+
 def test_known_rings_are_not_sought_again() -> None:
     """A stream keeps its rings; one that has none for three blocks is asked no more."""
     kept, points = Kept(), turn()
