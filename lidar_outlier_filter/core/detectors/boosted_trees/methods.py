@@ -7,9 +7,10 @@ from enum import Enum
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Bytes, Ints, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import part
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
@@ -20,6 +21,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     FREE_MODEL,
+    MIN_LOG_ODDS,
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -50,6 +52,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.FAR}
+_NONE = np.empty(0, np.int64), np.empty(0)  # no lone points
 _EVERY = {**_PATTERN, **features.MIXED}
 REASONS = {
     **{key: ReasonName(name, _EVERY[name]) for key, name in features.REASON_NAMES.items()},
@@ -226,7 +229,9 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         return Scores(np.full(len(points), np.nan), scaled=True, method=method.value)
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
-        odds = survey.measure(points.xyz, around, parameters.threads, seen.allocate)
+        odds = survey.measure(
+            points.xyz, around, parameters.threads, seen.allocate, whole=seen.whole
+        )
         score = survey.score(odds, threshold)
         reason = _survey_reasons(seen, score > 1) if parameters.scores else None
         return Scores(score, reason=reason, scaled=True, method=method.value)
@@ -236,7 +241,8 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 # What each feature contributes to the log-odds of a point -----------------------------------------
 #
 # Each question of a tree halves the leaves that remain. The change of their mean is what its
-# feature contributes. All contributions and the mean of the trees add up to the log-odds.
+# feature contributes. All contributions and the mean of the trees add up to the log-odds. Of lone
+# points, which trees do not judge, it is the log-odds of a score of 0 instead of the mean.
 
 
 def name_method(seen: DetectorInput, parameters: FilterParameters) -> str:
@@ -294,17 +300,30 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     hood, index, (copy, original) = Neighbourhood(xyz, K, seen.threads).distinct()
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
-    near = survey.neighbours(hood, measure_floor(xyz, np.arange(len(xyz)), seen.threads))
+    around, lone, isolation = measure_floor(xyz, np.arange(len(xyz)), seen.threads), *_NONE
+    if seen.whole:
+        hood, index, lone, isolation = part(hood, index, around)
+    near = survey.neighbours(hood, around)
     first = survey.first_odds(near, model.first, seen.threads)
     asked, column = selected.copy(), np.empty(len(xyz), np.int64)
     asked[original[selected[copy]]] = True
     which = np.flatnonzero(asked[index])  # in tree order
     column[index[which]] = np.arange(len(which))
+    column[lone[asked[lone]]] = len(which) + np.arange(np.count_nonzero(asked[lone]))
     column[copy] = column[original]
     again = first[which] > np.float32(model.doubtful)
     far = Far(near, first, hood.nearest_of(which[again], min(MAX_NEIGHBOURS, len(hood) - 1)))
     values = survey.near_values(near, which[~again]), survey.far_values(far, which[again])
-    return _of_passes(model, again, *values)[:, column[selected]]
+    of_trees = _of_passes(model, again, *values)
+    of_lone = _of_lone(isolation[asked[lone]])
+    return np.concatenate([of_trees, of_lone], axis=1)[:, column[selected]]
+
+
+def _of_lone(isolation: Floats) -> Singles:
+    """Return contributions (F, L) of lone points: how far apart they are, from a score of 0 on."""
+    added = np.zeros((len(_NEIGHBOURS), len(isolation)), np.float32)
+    added[[*_NEIGHBOURS].index('rare')] = survey.lone_odds(isolation) - MIN_LOG_ODDS
+    return added
 
 
 def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:

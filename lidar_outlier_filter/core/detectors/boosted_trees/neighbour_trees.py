@@ -6,11 +6,13 @@ The first trees see the eight nearest neighbours of every point. If a point is n
 the second trees see its sixty nearest neighbours and their first log-odds. So the slow, wide
 search is made for few points only. A verdict depends on the neighbours of a point, and on the
 floor of the whole cloud. Coincident points are judged as one: neighbours are at other positions.
+Lone points of a whole cloud are taken out first, see :mod:`.lone_points`.
 """
 
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import part
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
     FAR_COUNT,
     MAX_NEIGHBOURS,
@@ -42,7 +44,14 @@ NO_VALUES = np.empty((0, 0), np.float32)
 AT_ONCE = 128 * LANES  # points that a thread takes at once
 
 
-def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = np.empty) -> Floats:
+def measure(
+    xyz: Floats,
+    around: Floor,
+    threads: int = 0,
+    allocate: Allocate = np.empty,
+    *,
+    whole: bool = False,
+) -> Floats:
     """Return the log-odds of N points.
 
     Parameters
@@ -53,6 +62,7 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
         What :func:`.measure_floor` finds in the whole cloud.
     threads : maximum number of threads; 0: all cores
     allocate : returns large arrays, in memory or in files
+    whole : whether the points are a whole cloud, whose lone points are rejected first
 
     Returns
     -------
@@ -64,6 +74,9 @@ def measure(xyz: Floats, around: Floor, threads: int = 0, allocate: Allocate = n
     hood, index, (copy, original) = Neighbourhood(xyz, K, threads, allocate).distinct()
     if len(hood) > K:
         model = load(SURVEY_MODEL)
+        if whole:
+            hood, index, lone, isolation = part(hood, index, around)
+            odds[lone] = lone_odds(isolation)
         near = neighbours(hood, around)
         first = first_odds(near, model.first, threads)
         found = first.astype(np.float64)
@@ -80,6 +93,12 @@ def score(odds: Floats, threshold: float) -> Floats:
         threshold * (load(SURVEY_MODEL).threshold - MIN_LOG_ODDS)
     )
     return scores
+
+
+def lone_odds(isolation: Floats) -> Floats:
+    """Return log-odds (L,) of lone points, whose scores are their isolation ÷ the threshold."""
+    odds: Floats = MIN_LOG_ODDS + isolation * (load(SURVEY_MODEL).threshold - MIN_LOG_ODDS)
+    return odds
 
 
 def neighbours(hood: Neighbourhood, around: Floor) -> Near:
