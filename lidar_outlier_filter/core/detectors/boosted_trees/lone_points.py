@@ -30,7 +30,7 @@ class Parted(NamedTuple):
     ----------
     hood : Neighbourhood
         Of the M points that are not lone.
-    index : (M,) int64
+    left : (M,) int64
         Their indices in the cloud, in tree order.
     lone : (L,) int64
         Indices of the lone points.
@@ -40,7 +40,7 @@ class Parted(NamedTuple):
     """
 
     hood: Neighbourhood
-    index: Ints
+    left: Ints
     lone: Ints
     isolation: Floats
 
@@ -83,7 +83,8 @@ def _find(hood: Neighbourhood, around: Floor) -> tuple[Ints, Floats]:
     has_company[sparse] = on_line
     # All within reach are among the eight nearest, as the eighth is beyond.
     is_lone = ~(on_line | (has_company[near] & (distance <= reach[:, None])).any(axis=1))
-    return sparse[is_lone], radius[sparse[is_lone]] / reach[is_lone]
+    isolation: Floats = radius[sparse[is_lone]] / reach[is_lone]
+    return sparse[is_lone], isolation
 
 
 def _usual(xyz: Floats, radius: Floats, some: Ints, around: Floor) -> Floats:

@@ -155,9 +155,9 @@ def _stretches(
         low, high = np.searchsorted(t, (begin - halo, end + halo), sorter=order)
         members = np.sort(order[low:high])
         own = (t[members] >= begin) & (t[members] < end)
-        part = find_either(seen.points.take(members), 'profile', seen.threads)
-        if part is not None:
-            yield members, own, part
+        local = find_either(seen.points.take(members), 'profile', seen.threads)
+        if local is not None:
+            yield members, own, local
             continue
         yield np.arange(len(t)), (t >= begin) & (t < end), found
 
@@ -169,9 +169,9 @@ def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameter
     def score() -> Scores:
         reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
         scores = np.empty(len(seen.points))
-        for members, own, part in _stretches(seen, found, parameters):
+        for members, own, local in _stretches(seen, found, parameters):
             why = None if reason is None else np.zeros(len(members), np.uint8)
-            scored = judge(part.pattern, threshold, seen.threads, model=part.model, reason=why)
+            scored = judge(local.pattern, threshold, seen.threads, model=local.model, reason=why)
             scores[members[own]] = scored[own]
             if reason is not None and why is not None:
                 reason[members[own]] = why[own]
@@ -268,10 +268,10 @@ def contributions(
         names = NAMES[found.model][1]
         added = np.zeros((len(names), np.count_nonzero(selected)), np.float32)
         column = np.cumsum(selected) - 1
-        for members, own, part in _stretches(seen, found, parameters):
+        for members, own, local in _stretches(seen, found, parameters):
             asked = own & selected[members]
             if asked.any():
-                added[:, column[members[asked]]] = _of_pattern(part, asked, seen.threads)
+                added[:, column[members[asked]]] = _of_pattern(local, asked, seen.threads)
         return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
