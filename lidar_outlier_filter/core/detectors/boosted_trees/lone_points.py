@@ -102,4 +102,5 @@ def _usual(xyz: Floats, radius: Floats, some: Ints, around: Floor) -> Floats:
     count = np.bincount(of[held], minlength=len(squares))
     middle = np.cumsum(count) - count + (count - 1) // 2
     median: Floats = radius[order[middle]]
-    return median[of[some]]
+    usual: Floats = median[of[some]]
+    return usual

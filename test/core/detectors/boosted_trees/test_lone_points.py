@@ -79,8 +79,8 @@ def of_part(xyz: Floats) -> Bools:
     is_lone = np.zeros(len(xyz), np.bool_)
     is_lone[found.lone] = True
     assert (found.isolation > 1).all()
-    assert sorted([*found.index, *found.lone]) == [*range(len(xyz))]
-    np.testing.assert_array_equal(found.hood.xyz, xyz[found.index])
+    assert sorted([*found.left, *found.lone]) == [*range(len(xyz))]
+    np.testing.assert_array_equal(found.hood.xyz, xyz[found.left])
     return is_lone
 
 
