@@ -146,7 +146,8 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         Detectors in their order; those along scan lines need ``t`` and ``line``, and
         ``boosted_trees``, the default, uses them if they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
-        Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` have no effect here.
+        Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` concern profile scanners only,
+        which the default judges as their streams.
     inform, warn : callable, optional
         Called with sentences on how the cloud is read and judged, as those of
         :class:`CloudFilter`.
