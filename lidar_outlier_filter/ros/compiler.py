@@ -4,7 +4,6 @@
 
 import threading
 from collections.abc import Callable
-from functools import partial
 from time import monotonic
 
 from lidar_outlier_filter.core.kernels import kernel_cache
@@ -45,6 +44,7 @@ class Compiler:
         self._now: FilterParameters | None = None  # whose chain filters until then
         self._processes = Processes()  # of the work that is not cancelled
         self._thread = threading.Thread()
+        self._is_working = False  # the thread will look at what is requested
 
     @property
     def reply(self) -> str:
@@ -67,11 +67,11 @@ class Compiler:
                 self._take_over(parameters)
             elif before is None or kernels_of(before) != kernels_of(parameters):
                 self._processes.stop()
-                self._processes = Processes(patient=self._now is not None)
                 self.compiling = f'loading the kernels of {", ".join(parameters.chain)}'
-                work = partial(self._work, parameters, self._processes)
-                self._thread = threading.Thread(target=work, name='compile', daemon=True)
-                self._thread.start()
+                if not self._is_working:
+                    self._is_working = True
+                    self._thread = threading.Thread(target=self._work, name='compile', daemon=True)
+                    self._thread.start()
 
     def stop(self) -> None:
         """Compile no more."""
@@ -81,7 +81,18 @@ class Compiler:
         if self._thread.ident is not None:
             self._thread.join()
 
-    def _work(self, parameters: FilterParameters, processes: Processes) -> None:
+    def _work(self) -> None:
+        """Make the kernels ready that were requested last, until none are; one at a time."""
+        while True:
+            with self._lock:
+                requested = self._requested
+                if requested is None:
+                    self._is_working = False
+                    return
+                processes = self._processes = Processes(patient=self._now is not None)
+            self._make_ready(requested, processes)
+
+    def _make_ready(self, parameters: FilterParameters, processes: Processes) -> None:
         """Make kernels ready; then apply the last requested parameters, if not cancelled."""
         try:
             if not load(parameters):
