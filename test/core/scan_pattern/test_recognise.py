@@ -115,7 +115,11 @@ def test_sweeps_that_come_ring_by_ring_are_turns_of_their_own() -> None:
 
 def test_sweeps_that_have_their_stamp_only_are_turns_of_their_own() -> None:
     """Where the times of all points of a message are equal, two messages are not one turn."""
-    sweeps = [replace(turn(1 + k), t=np.full(len(turn(1 + k)), k * TURN_NS)) for k in range(2)]
+    sweeps = []
+    for k in range(2):
+        one = turn(1 + k)
+        one = one.take(one.t < 0.4 * TURN_NS)  # half of what is around is sky
+        sweeps.append(replace(one, t=0 * one.t + k * TURN_NS, xyz=one.xyz * (1.0 + 0.1 * k)))
     expected = np.concatenate([rejected(one) for one in sweeps])
     np.testing.assert_array_equal(rejected(concatenate(sweeps)), expected)
 
