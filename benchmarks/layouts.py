@@ -3,16 +3,19 @@
 """What the default makes of one spinning street in every layout that drivers and files give it.
 
     scripts/environment python benchmarks/layouts.py [--sensors street-16 ...] [--layouts utm ...]
+        [--write]
 
 Lone returns are put at least 2 m in front of 1 % of four sweeps, simulated or real. Printed are the
 share of them that is found, the share of good points that is lost, and the methods that judged, as
-a stream, and one sweep as an array. What the default rejects of a real sweep before is not counted.
+a stream, and one sweep as an array, the worst first, compared with the sensor's own layout. What
+the default rejects of a real sweep before is not counted. ``--write`` puts the table into the page.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
 
 import argparse
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,17 +29,23 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_lab.results.markdown import table, write
 from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
 from lidar_outlier_lab.simulation.world.drive import gather
 from lidar_outlier_lab.simulation.world.prisms import MID_40
 from lidar_outlier_lab.simulation.world.recording import START, messages
 
+PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'results' / 'layouts.md'
+SECTION, COMMAND = 'layouts', 'benchmarks/layouts.py --write'
 BAGS = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'bags'
 REAL = {'HDL-32E': 'hdl32_mrpt_mcap', 'OS1-128': 'os1_128_db3', 'VLP-16': 'vlp16_mrpt_mcap',
         'XT32': 'hesai_xt32_nebula_mcap'}  # fmt: skip
 SIMULATED = {'street-16': 16, 'street-32': 32, 'street-64': 64}
 SWEEPS, SHARE, MIN_APART_M, MIN_RANGE_M, SEED, SECOND = 4, 0.01, 2.0, 0.5, 63, 10**9
 GOOD, LONE, UNCOUNTED = 0, 1, 2
+REFERENCE = 'ring and t (reference)'
+HEAD = ('layout', 'sensor', 'found %', 'lost %', 'array: found %', 'array: lost %', 'judged by')
+LOST_WEIGHS = 10.0  # times as much as what is not found
 POINT = np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'f4'), ('t', 'u4'),
                   ('ring', 'u2'), ('truth', 'u1')])  # fmt: skip
 
@@ -61,21 +70,23 @@ def spoil(points: Any, rng: np.random.Generator) -> None:
     points['truth'][some] = LONE
 
 
-def simulated(count: int, mount: tuple[float, float, float] = (0.0, 0.0, 1.9)) -> list[Sweep]:
+def simulated(
+    count: int, mount: tuple[float, float, float] = (0.0, 0.0, 1.9), sweeps: int = SWEEPS
+) -> list[Sweep]:
     """Simulate dry sweeps."""
     sensor: Any = MID_40 if count == 0 else streets.SENSORS[count]
-    drive = streets._drive(sensor, streets.Weather(SWEEPS, 0.0), SEED)  # noqa: SLF001
+    drive = streets._drive(sensor, streets.Weather(sweeps, 0.0), SEED)  # noqa: SLF001
     drive = replace(drive, trajectory=replace(drive.trajectory, mount=mount))
     made, rng = messages(drive, [(drive.shots, gather(drive).clean)], 1), np.random.default_rng(1)
-    sweeps = []
+    spoilt = []
     for cloud in made:
         points = np.zeros(len(cloud.points), POINT)
         for name in POINT.names[:6]:
             points[name] = cloud.points[name] if name in cloud.points.dtype.names else 0
         points['truth'] = np.where(cloud.points['label'] > 0, UNCOUNTED, GOOD)
         spoil(points, rng)
-        sweeps.append(Sweep(cloud.stamp, points))
-    return sweeps
+        spoilt.append(Sweep(cloud.stamp, points))
+    return spoilt
 
 
 def recorded(path: Path) -> list[Sweep]:
@@ -209,7 +220,8 @@ def two(sweeps: list[Sweep]) -> list[Sweep]:
     """Merge two sensors, of the same ring numbers, in the vehicle's frame."""
     rings = len(np.unique(sweeps[0].points['ring']))
     heads = [
-        list(shifted(0.5, left, 1.9)(simulated(rings, (0.5, left, 1.9)))) for left in (1.0, -1.0)
+        list(shifted(0.5, left, 1.9)(simulated(rings, (0.5, left, 1.9), len(sweeps))))
+        for left in (1.0, -1.0)
     ]
     return [
         Sweep(a.stamp, np.concatenate([a.points, b.points])) for a, b in zip(*heads, strict=True)
@@ -217,7 +229,7 @@ def two(sweeps: list[Sweep]) -> list[Sweep]:
 
 
 LAYOUTS: dict[str, Layout] = {
-    'ring and t (reference)': each(lambda p: p),
+    REFERENCE: each(lambda p: p),
     'rows are columns, x y z i': each(lambda p: bare(grid(p, columns_first=True))),
     'rows are columns, x y z i t': each(lambda p: bare(grid(p, columns_first=True), 'ring')),
     'rows are rings, x y z i t': each(lambda p: bare(grid(p, columns_first=False), 'ring')),
@@ -258,30 +270,59 @@ LAYOUTS: dict[str, Layout] = {
 }
 
 
-def judge(sweeps: list[Sweep]) -> str:
+class Cell(NamedTuple):
+    """What the default makes of a layout: shares in percent, of a stream and of one sweep."""
+
+    found: float
+    lost: float
+    array_found: float
+    array_lost: float
+    method: str
+
+    def behind(self, other: 'Cell') -> float:
+        """Return by how much it is worse, percent of lone returns."""
+        stream = other.found - self.found, self.lost - other.lost
+        array = other.array_found - self.array_found, self.array_lost - other.array_lost
+        return max(not_found + LOST_WEIGHS * lost for not_found, lost in (stream, array))
+
+    def row(self, layout: str, sensor: str) -> list[str]:
+        """Return its row of the table."""
+        shares = (self.found, 1), (self.lost, 3), (self.array_found, 1), (self.array_lost, 3)
+        return [layout, sensor, *(f'{value:.{digits}f}' for value, digits in shares), self.method]
+
+
+def judge(sweeps: list[Sweep]) -> Cell:
     """Judge messages as a stream, and the first one as an array."""
-    said: list[str] = []
-    stream = CloudFilter({}, said.append, said.append)
-    stream.refuse = lambda err: said.append(str(err))
+    stream = CloudFilter()
     truth, outputs = np.concatenate([one.points['truth'].ravel() for one in sweeps]), []
     for one in sweeps:
-        try:
+        with suppress(FilterError):  # refused, which is counted
             outputs += stream.push(one.points, stamp=one.stamp)
-        except FilterError as err:
-            said.append(f'refused: {err}')
     outputs += stream.flush()
     bad = np.concatenate([np.ravel(one.outliers['truth']) for one in outputs] or [truth[:0]])
     method = ', '.join(f'{k} {v.removeprefix("trees on the ")}'
                        for v, k in stream.statistics.methods.items())  # fmt: skip
-    told = [text for text in said if 'refused' in text or 'judged' in text][:2]
+    refused = stream.statistics.refused
+    method += f', {refused} refused' * bool(refused)
     first = sweeps[0].points
     whole = first['truth'][np.reshape(detect_outliers(first).outlier, first.shape)]
-    return f'{_shares(bad, truth)} | {method or told} | {_shares(whole, first["truth"].ravel())}'
+    found, lost = _shares(bad, truth)
+    return Cell(found, lost, *_shares(whole, first['truth'].ravel()), method=method)
 
 
-def _shares(rejected: Any, truth: Any) -> str:
-    found, lost = ((rejected == k).sum() / max((truth == k).sum(), 1) for k in (LONE, GOOD))
-    return f'{100 * found:.1f} | {100 * lost:.3f}'
+def _shares(rejected: Any, truth: Any) -> tuple[float, float]:
+    """Return the shares of lone returns that are found, and of good ones that are lost, percent."""
+    found, lost = (100.0 * (rejected == k).sum() / max((truth == k).sum(), 1) for k in (LONE, GOOD))
+    return found, lost
+
+
+def worst_first(cells: dict[tuple[str, str], Cell]) -> str:
+    """Lay out the table of cells by layout and sensor."""
+
+    def behind(key: tuple[str, str]) -> float:
+        return cells[key].behind(cells.get((REFERENCE, key[1]), cells[key]))
+
+    return table(HEAD, [cells[key].row(*key) for key in sorted(cells, key=behind, reverse=True)])
 
 
 def main() -> None:
@@ -290,9 +331,8 @@ def main() -> None:
     parser.add_argument('--sensors', nargs='+', default=[*SIMULATED, *REAL])
     parser.add_argument('--layouts', nargs='+', default=[''], help='parts of their names')
     parser.add_argument('--bags', type=Path, default=BAGS, help='folder of the recordings')
-    asked = parser.parse_args()
-    print('| layout | sensor | found % | lost % | method | array: found % | lost % |')
-    print('| --- | --- | ---: | ---: | --- | ---: | ---: |')
+    parser.add_argument('--write', action='store_true', help='put the table into the page')
+    asked, cells = parser.parse_args(), dict[tuple[str, str], Cell]()
     for sensor in asked.sensors:
         made = (
             simulated(SIMULATED[sensor])
@@ -303,7 +343,11 @@ def main() -> None:
             only_once = name.startswith(('two', 'rosette')) and sensor != 'street-32'
             if only_once or not any(part in name for part in asked.layouts):
                 continue
-            print(f'| {name} | {sensor} | {judge(list(layout(made)))} |', flush=True)
+            cells[name, sensor] = judge(list(layout(made)))
+            print(' | '.join(cells[name, sensor].row(name, sensor)), flush=True)
+    print(f'\n{worst_first(cells)}')
+    if asked.write:
+        write(PAGE, SECTION, worst_first(cells), command=COMMAND)
 
 
 if __name__ == '__main__':
