@@ -97,6 +97,14 @@ def add_clean(commands: Commands) -> None:
         action='store_true',
         help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
     )
+    add(
+        '--buffer',
+        type=float,
+        default=0.0,
+        metavar='METRES',
+        help='see the points of the other LAS and LAZ files in the folder of a tile, up to this '
+        'far beside it; they are not written. Default: 0, none',
+    )
     _add_accepted_share(parser, 'the file is refused')
     add_worker_options(parser)
     add(

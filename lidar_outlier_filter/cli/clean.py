@@ -100,6 +100,7 @@ def _clean_options(options: argparse.Namespace) -> CleanOptions:
         dry=options.dry_run,
         unit=options.unit,
         accept_share=options.accept_share,
+        buffer=options.buffer,
     )
 
 

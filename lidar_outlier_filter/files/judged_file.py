@@ -16,14 +16,15 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
-from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
+from lidar_outlier_filter.files.beside import read_beside
 from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.files.points import Loaded
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -56,6 +57,8 @@ class CleanOptions:
     dry : whether nothing is written
     unit : of the coordinates, one of ``UNITS``; None: as the file says
     accept_share : share of the points that may be rejected; None: what the default may reject
+    buffer : width around the file, metres, from which points of the LAS files in its folder are
+        seen, but not judged; 0: none are
 
     """
 
@@ -71,6 +74,7 @@ class CleanOptions:
     dry: bool = False
     unit: str | None = None
     accept_share: float | None = None
+    buffer: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -144,7 +148,7 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         ignored = 0
         if codes is not None and options.ignore:
             loaded, ignored = _without(loaded, codes, options.ignore)
-        cloud = with_rings(loaded.points, parameters)
+        cloud = loaded.points if options.buffer else with_rings(loaded.points, parameters)
         if cloud.ring is not None:
             loaded = points.recovered(file, loaded, cloud)
             cloud = loaded.points
@@ -158,7 +162,13 @@ def judge_file(  # noqa: PLR0913  options and callbacks
             tile=tile,
             allocate=allocate,
         )
-        everything = _judge_strips(loaded, judge, progress) if options.strips else judge(cloud)
+        if options.strips:
+            everything = _judge_strips(loaded, judge, progress)
+        elif options.buffer:
+            axes = {name: metres.get(name, 1.0) for name in coordinates}
+            loaded, everything = _judge_with_buffer(file, axes, loaded, judge, options)
+        else:
+            everything = judge(cloud)
         verdict = everything
         if codes is not None and (options.only or options.keep):
             verdict = spare(everything, untouched(codes, options.only, options.keep))
@@ -199,6 +209,28 @@ def _judge_strips(
     return verdict
 
 
+def _judge_with_buffer(
+    file: CloudFile,
+    axes: Mapping[str, float],
+    loaded: Loaded,
+    judge: Callable[[Points], Verdict],
+    options: CleanOptions,
+) -> tuple[Loaded, Verdict]:
+    """Judge a tile with the points beside it; say in the note of the file whose they are."""
+    own = loaded.points
+    inside = own.xyz[own.valid]
+    if len(inside) == 0:
+        return loaded, judge(own)
+    beside, names = read_beside(file, axes, inside, options.buffer, options.ignore)
+    xyz = np.concatenate([own.xyz, beside])
+    zeros = np.zeros(len(xyz), np.int64)
+    valid = np.append(own.valid, np.ones(len(beside), np.bool_))
+    found = judge(Points(xyz, zeros, zeros, valid))
+    verdict = Verdict(*(getattr(found, field.name)[: len(own)] for field in fields(Verdict)))
+    note = f'judged beside {len(beside)} points of {len(names)} other files'
+    return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
+
+
 def _load(
     file: CloudFile,
     options: CleanOptions,
@@ -213,6 +245,11 @@ def _load(
     for one in named:
         if not 0 <= one <= MAX_CLASS:
             raise CloudError('a class', f'from 0 to {MAX_CLASS}', one)
+    if options.buffer:
+        lack = 'no scan lines that go on in other files (--buffer)'
+        check_chain(parameters.chain, str(file.path), lack)
+        if options.strips:
+            raise ParameterError('--buffer', 'given without --strips', options.buffer)
     coordinates = points.choose_coordinates(file, options.coordinates)
     unit = options.unit
     known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
@@ -222,7 +259,7 @@ def _load(
         coordinates,
         parameters,
         # In tiles, detectors that can do without scan lines do.
-        timed=bool(along_lines(parameters.chain)) if options.tile else None,
+        timed=bool(along_lines(parameters.chain)) if options.tile or options.buffer else None,
         in_one_piece=not (options.tile or options.strips or options.ignore),
         metres=metres,
         more=[points.CLASSIFICATION] * file.classes + [STRIP] * options.strips,

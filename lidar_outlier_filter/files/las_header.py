@@ -14,7 +14,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from laspy import VLR
+from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.database import get_units_map
 from pyproj.exceptions import CRSError
@@ -24,6 +26,7 @@ from lidar_outlier_filter.files.cloud_file import check_fits, check_offset, chec
 
 MAX_HEADER_BYTES = 375  # bytes of a header that are read
 MIN_HEADER_BYTES = 227  # bytes of a header of LAS 1.0 to 1.2
+_BOX = 179  # offset, bytes: greatest x, least x, greatest y, least y
 _VLR = struct.Struct('<H16sHH32s')
 _EVLR = struct.Struct('<H16sHQ32s')
 _MAX_UNITS = 2**31  # units that a coordinate may have
@@ -64,6 +67,16 @@ def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
         begin = number(header, 235, 8)
         check_offset(path, 'the first extended record', begin, points, size)
         return records, _chain(stream, path, _EVLR, (begin, size), count)
+
+
+def read_box(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the least and the greatest x and y that the header says; None: it is no header."""
+    with path.open('rb') as stream:
+        header = stream.read(MIN_HEADER_BYTES)
+    if len(header) < MIN_HEADER_BYTES or header[:4] != b'LASF':
+        return None
+    high_x, low_x, high_y, low_y = struct.unpack_from('<4d', header, _BOX)
+    return np.array([low_x, low_y]), np.array([high_x, high_y])
 
 
 def _chain(

@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The points beside a tile: those of the LAS files in its folder that lie within a buffer."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.files import cloud_file
+from lidar_outlier_filter.files.cloud_file import CloudFile, open_cloud
+from lidar_outlier_filter.files.las_header import read_box
+from lidar_outlier_filter.files.points import CLASSIFICATION
+
+_NUMBER = re.compile(r'^EPSG:\d+ ')  # some files name the number of a system, others do not
+SUFFIXES = ('.las', '.laz')
+
+
+def read_beside(
+    file: CloudFile, axes: Mapping[str, float], xyz: Floats, buffer: float, ignore: Sequence[int]
+) -> tuple[Floats, list[str]]:
+    """Read the points beside a tile, chunk by chunk.
+
+    Parameters
+    ----------
+    file : the tile
+    axes : its columns x, y and z, and metres per unit of each
+    xyz : (N, 3) float64
+        Its points, metres.
+    buffer : how far beside its box points may lie, metres
+    ignore : classes whose points are left out
+
+    Returns
+    -------
+    xyz : (M, 3) float64, metres
+    names : of the files that have points within the buffer
+
+    Raises
+    ------
+    FilterError
+        If the buffer is no length, the tile is no LAS file, or another file beside it is in another
+        coordinate system.
+
+    """
+    if not 0 < buffer < np.inf:
+        raise ParameterError('--buffer', 'at least 0 and finite', buffer)
+    if not file.classes or [*axes] != ['x', 'y', 'z']:
+        raise CloudError(
+            f'the file {file.path}', 'LAS or LAZ with x, y and z, for --buffer', 'none'
+        )
+    low, high = xyz[:, :2].min(axis=0) - buffer, xyz[:, :2].max(axis=0) + buffer
+    found, names, units = [np.empty((0, 3))], list[str](), np.array([*axes.values()])
+    for path in _tiles_at(file.path, low / units[:2], high / units[:2]):
+        other = open_cloud(path)
+        systems = {_NUMBER.sub('', one.crs) for one in (file, other)} - {''}
+        if len(systems) > 1 or other.metres != file.metres:
+            must_be = f'that of {file.path}, for --buffer'
+            raise CloudError(f'the coordinate system of {path}', must_be, other.crs or 'none')
+        parts = []
+        for *values, codes in cloud_file.read(other, [*axes, CLASSIFICATION]):
+            some = np.stack(values, axis=1) * units
+            near = ((some[:, :2] >= low) & (some[:, :2] <= high)).all(axis=1)
+            parts.append(some[near & ~np.isin(codes, ignore)])
+        if any(map(len, parts)):
+            names.append(path.name)
+            found += parts
+    return np.concatenate(found), names
+
+
+def _tiles_at(own: Path, low: Floats, high: Floats) -> Iterator[Path]:
+    """Yield the other LAS files of the folder whose boxes touch this one, in units of the file."""
+    for path in sorted(own.absolute().parent.iterdir()):
+        if path.suffix.lower() not in SUFFIXES or not path.is_file() or path.samefile(own):
+            continue
+        box = read_box(path)
+        if box is not None and (box[0] <= high).all() and (box[1] >= low).all():
+            yield path
