@@ -250,9 +250,10 @@ def _with_lines(
     t, time, notes = _times(file, points.valid, columns, parameters)
     if t is None and along_lines(parameters.chain) and (grid := _grid(file, columns)):
         # Trees on a scan pattern are for scanners that move: a grid serves methods along lines.
-        line, row = grid
-        t = (line * (int(row.max(initial=0)) + 1) + row) * GRID_SHOT_NS
-        return Loaded(replace(points, t=t, line=line), 'columns of the grid', note='; '.join(notes))
+        number, row = grid
+        t = (number * (int(row.max(initial=0)) + 1) + row) * GRID_SHOT_NS
+        timed = replace(points, t=t, line=number)
+        return Loaded(timed, 'columns of the grid', note='; '.join(notes))
     if t is None:
         return Loaded(points, lack='no column with the time of each point', note='; '.join(notes))
     line, found_by, more = _lines(file, points.valid, t, columns, parameters)

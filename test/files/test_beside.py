@@ -26,7 +26,8 @@ def ground(seed: int = 1) -> Floats:
     rng = np.random.default_rng(seed)
     xyz = rng.uniform((0, 0, 0), (2 * SIDE - 0.01, 2 * SIDE - 0.01, 0.1), (20_000, 3))
     xyz[:200, 2] += rng.uniform(-6, 6, 200)
-    return np.round(xyz, 3) + np.array([650_000.0, 5_400_000.0, 100.0])
+    placed: Floats = np.round(xyz, 3) + np.array([650_000.0, 5_400_000.0, 100.0])
+    return placed
 
 
 def write(path: Path, xyz: Floats, classes: Any = 2, epsg: int | None = None) -> Path:
@@ -68,7 +69,7 @@ def test_tiles_are_judged_as_the_merged_file(tmp_path: Path) -> None:
         assert found.loaded.note == f'judged beside {len(xyz) - len(own)} points of 3 other files'
         np.testing.assert_allclose(found.verdict.score, merged.score[own], atol=2e-3)
         np.testing.assert_array_equal(found.verdict.rejected, merged.outlier[own])
-        alone += np.count_nonzero(judged(path).verdict.score != found.verdict.score)
+        alone += int(np.count_nonzero(judged(path).verdict.score != found.verdict.score))
     assert alone > 100
 
 

@@ -30,7 +30,8 @@ def town_map(spacing: float, side: float = 25.0, seed: int = 3) -> Floats:
 
     def crown(x: float, y: float) -> Floats:
         some = rng.uniform(-1.0, 1.0, (int(25 / spacing**2), 3))
-        return 1.5 * some[(some**2).sum(axis=1) < 1] + np.array([x, y, 5.0])
+        leaves: Floats = 1.5 * some[(some**2).sum(axis=1) < 1] + np.array([x, y, 5.0])
+        return leaves
 
     ground = np.insert(face(side, side), 2, 0.0, axis=1)
     walls = [np.insert(face(8.0, 6.0), 1, y, axis=1) for y in (6.0, 14.0)]
