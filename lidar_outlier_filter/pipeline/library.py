@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidar_outlier_filter.core.engine.chain import Chain, say_method, uses_lines
+from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points import columns as usual
@@ -149,8 +149,7 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         Such as ``{'lof.threshold': 1.5}``. ``block`` and ``halo`` concern profile scanners only,
         which the default judges as their streams.
     inform, warn : callable, optional
-        Called with sentences on how the cloud is read and judged, as those of
-        :class:`CloudFilter`.
+        Called with sentences on how it is read and judged, as those of :class:`CloudFilter`.
 
     Returns
     -------
@@ -185,10 +184,19 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
         check_chain(settings.chain, 'the cloud', reason)
         zeros = np.zeros(len(points), np.int64)
         points = with_rings(replace(points, t=zeros, line=zeros), settings)
-    judging = Chain(settings)
-    verdict = judge_whole(points, settings, judging)
-    for method in judging.methods:
-        say_method(method, inform, warn)
+    return _judged(points, settings, inform, warn)
+
+
+def _judged(
+    points: Points,
+    parameters: FilterParameters,
+    inform: Callable[[str], object],
+    warn: Callable[[str], object],
+) -> Verdict:
+    """Judge points, and say how."""
+    chain = Chain(parameters)
+    verdict = judge_whole(points, parameters, chain)
+    chain.say_methods(inform, warn)
     return verdict
 
 

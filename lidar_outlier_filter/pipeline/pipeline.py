@@ -11,7 +11,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
-from lidar_outlier_filter.core.engine.chain import Chain, say_method, uses_lines
+from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.stream_lines import StreamLines
@@ -325,8 +325,7 @@ class Pipeline:
         statistics.resets = self._blocks.resets
         statistics.without_pose = self._queue.without_pose
         statistics.passes = max(statistics.passes, chain.passes)
-        for method in chain.methods.keys() - statistics.methods.keys():
-            say_method(method, self._inform, self._warn)
+        chain.say_methods(self._inform, self._warn, known=statistics.methods)
         statistics.methods.update(chain.methods)
         chain.methods.clear()
         return finished

@@ -19,7 +19,7 @@ from lidar_outlier_filter import (
     detect_outliers,
 )
 from lidar_outlier_filter.core.annotations import Floats, Rows
-from lidar_outlier_filter.core.engine.chain import say_method
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # Recorded clouds carry them: they never change.
@@ -279,5 +279,7 @@ def test_the_method_is_named_as_in_a_stream() -> None:
     detect_outliers(floor(), chain='sor', inform=said.append, warn=warned.append)
     assert len(said) == 1
     assert not warned
-    say_method('one, because another failed', said.append, warned.append)
+    chain = Chain(FilterParameters())
+    chain.methods['one, because another failed'] += 1
+    chain.say_methods(said.append, warned.append)
     assert warned == ['judged by one, because another failed']

@@ -3,7 +3,7 @@
 """The chain: detectors in their order, each on what the earlier ones left, or all on everything."""
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Container, Hashable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,11 +31,6 @@ def along_lines(chain: Sequence[str]) -> str:
 def uses_lines(chain: Sequence[str]) -> bool:
     """Return whether any detector of a chain works along scan lines where there are some."""
     return any(DETECTORS[name].lines != 'no' for name in chain)
-
-
-def say_method(method: str, inform: Callable[[str], object], warn: Callable[[str], object]) -> None:
-    """Say by which method the default judged; warn where another one would have been better."""
-    (warn if ', because ' in method else inform)(f'judged by {method}')
 
 
 class Chain:
@@ -82,6 +77,17 @@ class Chain:
                     where, seen = where[~rejected], seen.without(rejected)
         verdict.settle(max(parameters.vote, 1))
         return verdict
+
+    def say_methods(
+        self,
+        inform: Callable[[str], object],
+        warn: Callable[[str], object],
+        known: Container[str] = (),
+    ) -> None:
+        """Say how the default judged, but for known methods; warn where others would be better."""
+        for method in self.methods:
+            if method not in known:
+                (warn if ', because ' in method else inform)(f'judged by {method}')
 
     def _score(self, detector: Detector, seen: DetectorInput) -> Scores:
         """Score what one detector sees."""
