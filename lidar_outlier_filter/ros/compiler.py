@@ -4,7 +4,7 @@
 
 import threading
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic, sleep
 
 from lidar_outlier_filter.core.kernels import kernel_cache
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -16,6 +16,8 @@ from lidar_outlier_filter.pipeline.compiling import (
     make_ready,
     shares,
 )
+
+SETTLE_S = 1.0  # nothing is compiled for a request that is followed by another within this time
 
 
 class Compiler:
@@ -132,6 +134,10 @@ class Compiler:
         self._ready(parameters)
 
     def _compile(self, requested: FilterParameters, processes: Processes) -> None:
+        if self._now is not None:
+            sleep(SETTLE_S)
+        if processes.is_stopped:
+            return
         passes = requested.load.policy == 'pass_through'
         until = 'clouds pass unfiltered meanwhile' if passes else 'no output until then'
         if self._now is not None:

@@ -151,3 +151,28 @@ def test_portable_kernels_are_replaced_beside_the_filter(
     assert steps.get_nowait() == 'replaced'
     assert steps.get_nowait() == 'now using kernels for this processor, compiled in 0 s'
     assert steps.empty()
+
+
+def test_what_does_not_last_is_not_compiled(
+    loading: Loading, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of chains that follow each other, processes compile the last: each takes all cores."""
+    compiled: list[str] = []
+
+    def run(_self: object, work: list[str], _show: object) -> list[str]:
+        compiled.extend(work)
+        return []
+
+    monkeypatch.setattr(compiler, 'load', lambda _parameters: False)
+    monkeypatch.setattr(compiler, 'shares', lambda parameters: parameters.chain)
+    monkeypatch.setattr(compiler, 'make_ready', loading.ready.append)
+    monkeypatch.setattr(compiling.Processes, 'run', run)
+    loading.ready.append(FIRST)
+    beside = Beside()
+    beside.request(FIRST)
+    for requested in (SECOND, THIRD, FOURTH):
+        beside.request(requested)
+        threading.Event().wait(0.1)
+    assert beside.taken.get(timeout=TIMEOUT) == FIRST
+    assert beside.taken.get(timeout=TIMEOUT) == FOURTH
+    assert compiled == ['elevation']
