@@ -30,7 +30,7 @@ class Parted(NamedTuple):
     ----------
     hood : Neighbourhood
         Of the M points that are not lone.
-    left : (M,) int64
+    rest : (M,) int64
         Their indices in the cloud, in tree order.
     lone : (L,) int64
         Indices of the lone points.
@@ -40,7 +40,7 @@ class Parted(NamedTuple):
     """
 
     hood: Neighbourhood
-    left: Ints
+    rest: Ints
     lone: Ints
     isolation: Floats
 
@@ -101,6 +101,5 @@ def _usual(xyz: Floats, radius: Floats, some: Ints, around: Floor) -> Floats:
     order = held[np.lexsort((radius[held], of[held]))]
     count = np.bincount(of[held], minlength=len(squares))
     middle = np.cumsum(count) - count + (count - 1) // 2
-    median: Floats = radius[order[middle]]
-    usual: Floats = median[of[some]]
+    usual: Floats = radius[order[middle]][of[some]]
     return usual

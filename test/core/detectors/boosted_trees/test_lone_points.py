@@ -26,19 +26,21 @@ def town_map(spacing: float, side: float = 25.0, seed: int = 3) -> Floats:
     rng = np.random.default_rng(seed)
 
     def face(width: float, height: float) -> Floats:
-        return rng.uniform((0, 0), (width, height), (int(width * height / spacing**2), 2))
+        some: Floats = rng.uniform((0, 0), (width, height), (int(width * height / spacing**2), 2))
+        return some
 
     def crown(x: float, y: float) -> Floats:
         some = rng.uniform(-1.0, 1.0, (int(25 / spacing**2), 3))
-        leaves: Floats = 1.5 * some[(some**2).sum(axis=1) < 1] + np.array([x, y, 5.0])
-        return leaves
+        inside: Floats = 1.5 * some[(some**2).sum(axis=1) < 1] + np.array([x, y, 5.0])
+        return inside
 
     ground = np.insert(face(side, side), 2, 0.0, axis=1)
     walls = [np.insert(face(8.0, 6.0), 1, y, axis=1) for y in (6.0, 14.0)]
     crowns = [crown(x, y) for x, y in rng.uniform(2.0, side - 2.0, (4, 2)).tolist()]
     wire = np.arange(0.0, side, 1.2 * spacing)[:, None] * [1, 0, 0] + (0.0, 20.0, 9.0)
     parts = [ground, *walls, *crowns, wire]
-    return np.concatenate(parts) + rng.normal(0, 0.01, (sum(map(len, parts)), 3))
+    xyz: Floats = np.concatenate(parts) + rng.normal(0, 0.01, (sum(map(len, parts)), 3))
+    return xyz
 
 
 def with_lone(good: Floats, share: float, off: float = 1.5, seed: int = 4) -> tuple[Floats, Bools]:
@@ -80,8 +82,8 @@ def of_part(xyz: Floats) -> Bools:
     is_lone = np.zeros(len(xyz), np.bool_)
     is_lone[found.lone] = True
     assert (found.isolation > 1).all()
-    assert sorted([*found.left, *found.lone]) == [*range(len(xyz))]
-    np.testing.assert_array_equal(found.hood.xyz, xyz[found.left])
+    assert sorted([*found.rest, *found.lone]) == [*range(len(xyz))]
+    np.testing.assert_array_equal(found.hood.xyz, xyz[found.rest])
     return is_lone
 
 
