@@ -33,7 +33,7 @@ MAX_TICKS = 8  # of a line: with more, times tell angles
 # Of a part of a tick that shows where the scanner was.
 MIN_PART_RETURNS, MAX_PART_RETURNS = 64, 256
 HALVES = np.geomspace(0.25, 2.0, 24)  # rad of half a part, which are tried
-AGAIN = np.geomspace(0.98, 1.02, 7)  # times that, in the second round
+NEAR_SWING = np.geomspace(0.98, 1.02, 7)  # times that, in the second round
 MAX_UNSURE = 4.0  # times the usual standard deviation of a position
 STEP_PARTS = 21  # the longest ones show the step
 ROUNDS = 2  # fits: the first shows the velocity
@@ -71,7 +71,7 @@ def find_by_order(lines: TimedLines, time: Ints, threads: int = 0) -> Scanner | 
         xyz = still(lines, some, since[some], velocity[line])
         longest = np.argsort(-size, kind='stable')[:STEP_PARTS]
         swing, _ = find_swing(xyz[longest], at[longest] / usual, tried)
-        step, tried = swing / usual, swing * AGAIN
+        step, tried = swing / usual, swing * NEAR_SWING
         fit = fit_all(xyz, at * step, threads)
         good = (fit.off <= MAX_OFF_SWING_STEPS * step) & (fit.unsure <= MAX_SIGMA_M)
         if np.count_nonzero(good) < MIN_KNOWN_SHARE * count:

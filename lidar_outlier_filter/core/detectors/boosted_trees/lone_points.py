@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
 
 # Within so many typical distances to the eighth neighbour, a lone point has no eight others.
-REACH = 3.5
+REACH = 5.0
 # Width ÷ length of a point and its eight neighbours, below which they lie on a line, as on a wire.
 MAX_THINNESS = 0.15
 
