@@ -162,13 +162,10 @@ def judge_file(  # noqa: PLR0913  options and callbacks
             tile=tile,
             allocate=allocate,
         )
-        if options.strips:
-            everything = _judge_strips(loaded, judge, progress)
-        elif options.buffer:
-            axes = {name: metres.get(name, 1.0) for name in coordinates}
-            loaded, everything = _judge_with_buffer(file, axes, loaded, judge, options)
-        else:
-            everything = judge(cloud)
+        axes = {name: metres.get(name, 1.0) for name in coordinates}
+        loaded, everything = _judge_points(
+            file, axes, replace(loaded, points=cloud), judge, options, progress
+        )
         verdict = everything
         if codes is not None and (options.only or options.keep):
             verdict = spare(everything, untouched(codes, options.only, options.keep))
@@ -194,6 +191,22 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         seconds=seconds,
         methods=tuple(chain.methods),
     )
+
+
+def _judge_points(  # noqa: PLR0913  what, and how
+    file: CloudFile,
+    axes: Mapping[str, float],
+    loaded: Loaded,
+    judge: Callable[[Points], Verdict],
+    options: CleanOptions,
+    progress: Progress,
+) -> tuple[Loaded, Verdict]:
+    """Judge strip by strip, with the points beside a tile, or all at once."""
+    if options.strips:
+        return loaded, _judge_strips(loaded, judge, progress)
+    if options.buffer:
+        return _judge_with_buffer(file, axes, loaded, judge, options)
+    return loaded, judge(loaded.points)
 
 
 def _judge_strips(
