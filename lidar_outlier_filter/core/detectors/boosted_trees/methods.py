@@ -137,29 +137,31 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
 
 
 def _stretches(
-    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters
+    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters, asked: Bools
 ) -> Iterator[tuple[Ints, Bools, FoundPattern]]:
-    """Yield points that are judged together, which of them are judged, and their pattern.
+    """Yield points that are judged together, which asked ones (N,) are judged, and their pattern.
 
     Lines of a profile scanner are compared with others of their time: a whole cloud is judged in
-    the blocks of a stream, each with its halo.
+    the blocks of a stream, each with its halo. Where a block has no pattern, that of all counts.
     """
     t = seen.points.t
     block, halo = (round(length * SECOND) for length in (parameters.block, parameters.halo))
     if not seen.whole or found.model != PROFILE_MODEL or np.ptp(t) <= block:
-        yield np.arange(len(t)), np.ones(len(t), np.bool_), found
+        yield np.arange(len(t)), asked, found
         return
-    order = np.argsort(t, kind='stable')
-    for number in np.unique(t // block).tolist():
+    order, without = np.argsort(t, kind='stable'), np.zeros(len(t), np.bool_)
+    for number in np.unique(t[asked] // block).tolist():
         begin, end = number * block, (number + 1) * block
         low, high = np.searchsorted(t, (begin - halo, end + halo), sorter=order)
         members = np.sort(order[low:high])
-        own = (t[members] >= begin) & (t[members] < end)
+        own = asked[members] & (t[members] >= begin) & (t[members] < end)
         local = find_either(seen.points.take(members), 'profile', seen.threads)
-        if local is not None:
+        if local is None:
+            without[members[own]] = True
+        else:
             yield members, own, local
-            continue
-        yield np.arange(len(t)), (t >= begin) & (t < end), found
+    if without.any():
+        yield np.arange(len(t)), without, found
 
 
 def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameters) -> Scores:
@@ -169,7 +171,8 @@ def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameter
     def score() -> Scores:
         reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
         scores = np.empty(len(seen.points))
-        for members, own, local in _stretches(seen, found, parameters):
+        every = np.ones(len(scores), np.bool_)
+        for members, own, local in _stretches(seen, found, parameters, every):
             why = None if reason is None else np.zeros(len(members), np.uint8)
             scored = judge(local.pattern, threshold, seen.threads, model=local.model, reason=why)
             scores[members[own]] = scored[own]
@@ -210,7 +213,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.boosted_trees.methods import detect
     >>> from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-    >>> from lidar_outlier_filter.core.points.points import SECOND, Points
+    >>> from lidar_outlier_filter.core.points.points import Points
     >>> from lidar_outlier_filter.parameters.filter import FilterParameters
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
@@ -268,10 +271,8 @@ def contributions(
         names = NAMES[found.model][1]
         added = np.zeros((len(names), np.count_nonzero(selected)), np.float32)
         column = np.cumsum(selected) - 1
-        for members, own, local in _stretches(seen, found, parameters):
-            asked = own & selected[members]
-            if asked.any():
-                added[:, column[members[asked]]] = _of_pattern(local, asked, seen.threads)
+        for members, own, local in _stretches(seen, found, parameters, selected):
+            added[:, column[members[own]]] = _of_pattern(local, own, seen.threads)
         return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
