@@ -29,7 +29,7 @@ from lidar_outlier_filter.archive.locations import (
 )
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points.mask import content_of
-from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import WITHOUT_EFFECT, FilterParameters
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 DONE, FAILED, NO_CLOUDS = 'done', 'failed', 'no clouds'
@@ -38,7 +38,6 @@ RECORD, SEAL = 'archive', 'seal'  # keys; others are those of the log of a clean
 MAX_BYTES = 2**24  # of a sidecar; a larger file is not one
 _BROKEN = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
 
-WITHOUT_EFFECT = ('threads', 'save_to')  # parameters that do not change outputs
 # Folders of the package whose code decides the bytes of an output.
 ROOMS = ('core', 'files', 'messages', 'parameters', 'pipeline', 'recordings')
 

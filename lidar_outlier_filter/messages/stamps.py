@@ -73,6 +73,8 @@ class StampCheck:
         """
         if not len(self._t) or self._t.max() - t.min() <= MIN_JITTER_NS:
             return 0
+        if len(line) != len(t) or len(self._line) != len(self._t):
+            return 0  # lasers are not known
         shortest = min(np.ptp(t), np.ptp(self._t))
         if not MIN_SWEEP_NS <= shortest <= MAX_SWEEP_NS or not self._has_lines(line):
             return 0

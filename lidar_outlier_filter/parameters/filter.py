@@ -29,6 +29,8 @@ from lidar_outlier_filter.parameters.declaration import (
 )
 from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
+WITHOUT_EFFECT = ('threads', 'save_to')  # parameters that do not change outputs
+
 OneSection = TypeVar('OneSection', bound=Section)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import WITHOUT_EFFECT, FilterParameters
 
 PREFIX = 'lidar_outlier_filter.'  # of the keys; the name of the command follows
 
@@ -20,7 +20,11 @@ def made_by(
     if parameters is not None:
         default = FilterParameters().flat()
         given = parameters.flat().items()
-        entry['parameters'] = {name: value for name, value in given if value != default[name]}
+        entry['parameters'] = {
+            name: value
+            for name, value in given
+            if value != default[name] and name not in WITHOUT_EFFECT
+        }
     return {PREFIX + command: json.dumps(entry)}
 
 

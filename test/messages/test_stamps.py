@@ -12,6 +12,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 TURN, SECOND = 100_000_000, 10**9
@@ -103,3 +104,11 @@ def test_a_clock_that_is_set_back_is_trusted_again() -> None:
     assert int(decoder.decode(message(turn, SECOND)).t.min()) == SECOND + turn.t.min()
     with pytest.raises(CloudError):
         decoder.decode(as_message(np.zeros(3, [('x', 'f4'), ('y', 'f4')]), 0))
+
+
+def test_without_lasers_nothing_is_early() -> None:
+    """Where each message is a line, which laser measured is not known: stamps are as they are."""
+    check, t = StampCheck(), np.arange(500) * 200_000
+    assert check.behind(0, t, np.zeros(1, np.int64)) == 0
+    assert check.behind(50_000_000, t, np.zeros(1, np.int64)) == 0
+    assert not check.jitters
