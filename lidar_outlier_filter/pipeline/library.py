@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidar_outlier_filter.core.detectors.plausible import MAX_USUAL_SHARE, MIN_SHARE_POINTS
 from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
@@ -193,10 +194,14 @@ def _judged(
     inform: Callable[[str], object],
     warn: Callable[[str], object],
 ) -> Verdict:
-    """Judge points, and say how."""
+    """Judge points, and say how; and that more is rejected than is usual."""
     chain = Chain(parameters)
     verdict = judge_whole(points, parameters, chain)
     chain.say_methods(inform, warn)
+    tested = int(np.count_nonzero(~np.isnan(verdict.score)))
+    share = int(np.count_nonzero(verdict.rejected)) / max(tested, 1)
+    if chain.methods and tested >= MIN_SHARE_POINTS and share > MAX_USUAL_SHARE:
+        warn(f'{share:.1%} of the points are rejected: either many are outliers, or it is misread')
     return verdict
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.plausible import MAX_USUAL_SHARE
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.parameters.node import ERROR_LIMITS, HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import config_folder
@@ -37,7 +38,7 @@ COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
 # Shares of the points that a detector rejects at most, as a rule: several times what it rejects
 # in dry air (doc/results), and above it in heavy snow or where lines are misread.
 USUAL_SHARES = {
-    'boosted_trees': 0.05,
+    'boosted_trees': MAX_USUAL_SHARE,
     'alpha_beta_gamma': 0.05,
     'quadric': 0.05,
     'elevation': 0.1,

@@ -283,3 +283,15 @@ def test_the_method_is_named_as_in_a_stream() -> None:
     chain.methods['one, because another failed'] += 1
     chain.say_methods(said.append, warned.append)
     assert warned == ['judged by one, because another failed']
+
+
+def test_much_is_rejected() -> None:
+    """More than the default ever rejects of clean data is said, of arrays as of files."""
+    rng = np.random.default_rng(2)
+    xyz = rng.uniform(0, 20, (20_000, 3)) * (1, 1, 0.001)
+    xyz[:1600, 2] += rng.uniform(3, 20, 1600)
+    said: list[str] = []
+    detect_outliers(xyz[1400:], warn=said.append)
+    assert not said
+    detect_outliers(xyz, warn=said.append)
+    assert any('% of the points are rejected' in one for one in said)

@@ -233,7 +233,7 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds = survey.measure(
-            points.xyz, around, parameters.threads, seen.allocate, whole=seen.whole
+            points.xyz, around, parameters.threads, seen.allocate, whole=_is_map(seen)
         )
         score = survey.score(odds, threshold)
         reason = _survey_reasons(seen, score > 1) if parameters.scores else None
@@ -302,7 +302,7 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
     around, lone, isolation = measure_floor(xyz, np.arange(len(xyz)), seen.threads), *_NONE
-    if seen.whole:
+    if _is_map(seen):
         hood, index, lone, isolation = part(hood, index, around)
     near = survey.neighbours(hood, around)
     first = survey.first_odds(near, model.first, seen.threads)
@@ -318,6 +318,11 @@ def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     of_trees = _of_passes(model, again, *values)
     of_lone = _of_lone(isolation[asked[lone]])
     return np.concatenate([of_trees, of_lone], axis=1)[:, column[selected]]
+
+
+def _is_map(seen: DetectorInput) -> bool:
+    """Return whether points are a map: in a message far points are sparse, and seem lone."""
+    return seen.whole and not bool(0 < np.ptp(seen.points.t) < SECOND)
 
 
 def _of_lone(isolation: Floats) -> Singles:
