@@ -303,14 +303,13 @@ def _recover_lines(
     """Find the turns of the mirror where no column shows them; return what they are found by."""
     filled = {name: cloud_file.filled(columns[name]) for name in SCANNERS if name in columns}
     known = [filled[name] for name in SOURCES if name in filled]
-    period = line_period(parameters)
+    claim, period = Claim('message', 'the file'), line_period(parameters)
     tried = [known]
     if USER_DATA in filled and 1 < len(np.unique(filled[USER_DATA])) <= MAX_HEADS:
         tried.append([*known, filled[USER_DATA]])
     for sources in tried:
         head = np.unique(np.stack(sources), axis=1, return_inverse=True)[1] if sources else None
         told_apart = None if head is None else head.astype(np.int64).reshape(-1)
-        claim = Claim('message', 'the file')
         settled, decision = settle_lines(replace(points, head=told_apart), claim, period)
         if decision.kind in {'turns', 'heads'}:
             return settled, decision.text.removeprefix('scan lines: ')

@@ -177,11 +177,25 @@ def count_beams(xyz: Floats) -> int:
     return 1 + int(np.median(away, axis=1).argmin())
 
 
+def nearest_returns(
+    t: Ints, begin: Ints | int, elapsed: Floats, reach: float
+) -> tuple[Ints, Bools]:
+    """Return which returns are nearest to some times, and whether they are within reach; ns.
+
+    ``t`` (N,) ascends, and has at least one time; times are so much ``elapsed`` since others.
+    """
+    when = begin + np.rint(elapsed).astype(np.int64)
+    after = np.minimum(np.searchsorted(t, when), len(t) - 1)
+    before = np.maximum(after - 1, 0)
+    found: Ints = np.where(when - t[before] <= t[after] - when, before, after)
+    return found, np.abs(t[found] - when) <= reach
+
+
 class _Pairs:
     """Some points, and where their beam pointed one lag later."""
 
     def __init__(self, t: Ints, xyz: Floats, step: float) -> None:
-        self.t, self.xyz, self.step = t, xyz, step
+        self.t, self.xyz, self.reach = t, xyz, MAX_BESIDE_SHOTS * step
 
     def apart(self, lags: Floats, samples: int = SAMPLES) -> Floats:
         """Return the median distance (L,), metres, of points one lag (ns) apart; inf: too few."""
@@ -200,7 +214,7 @@ class _Pairs:
         some = np.arange(SAMPLES) * len(self.t) // SAMPLES
         after = (self.t[some] - self.t[0] - at) % swing
         (end, reached), (other, there) = (
-            self._find(self.t[some] - np.rint(times * after).astype(np.int64)) for times in (1, 2)
+            nearest_returns(self.t, self.t[some], -times * after, self.reach) for times in (1, 2)
         )
         if np.count_nonzero(there) < MIN_PAIRS:
             return np.inf
@@ -211,19 +225,11 @@ class _Pairs:
         )
         return apart / max(way, FLOOR_M)
 
-    def _find(self, when: Ints) -> tuple[Ints, Bools]:
-        """Return which returns are the nearest to some times, and whether they are of these."""
-        t = self.t
-        after = np.minimum(np.searchsorted(t, when), len(t) - 1)
-        before = np.maximum(after - 1, 0)
-        other = np.where(when - t[before] <= t[after] - when, before, after)
-        return other, np.abs(t[other] - when) <= MAX_BESIDE_SHOTS * self.step
-
     def _apart(self, lags: Floats, samples: int) -> Floats:
         t, xyz = self.t, self.xyz
         last = np.searchsorted(t, t[-1] - lags, side='right')
         some = np.arange(samples) * last[:, None] // samples
-        other, there = self._find(t[some] + np.rint(lags).astype(np.int64)[:, None])
+        other, there = nearest_returns(t, t[some], lags[:, None], self.reach)
         away = np.sqrt(((xyz[other] - xyz[some]) ** 2).sum(axis=2))
         count = np.count_nonzero(there, axis=1)
         away = np.sort(np.where(there, away, np.inf), axis=1)

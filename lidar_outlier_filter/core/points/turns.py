@@ -12,6 +12,7 @@ from lidar_outlier_filter.core.points.mirror import (
     STRETCH_NS,
     Mirror,
     find_mirror,
+    nearest_returns,
 )
 
 WINDOW_TURNS = 1 / 8  # to either side of where a turn should begin, in which its gap is sought
@@ -157,12 +158,7 @@ class TurnCounter:
 
     def _find(self, begin: int, after: Floats) -> tuple[Ints, Bools]:
         """Return which returns are nearest to some times after one, and whether at these, ns."""
-        times = begin + np.rint(after).astype(np.int64)
-        later = np.minimum(np.searchsorted(self._times, times), len(self._times) - 1)
-        before = np.maximum(later - 1, 0)
-        nearer = times - self._times[before] <= self._times[later] - times
-        found: Ints = np.where(nearer, before, later)
-        return found, np.abs(self._times[found] - times) <= MAX_NEAR_TURNS * self.period
+        return nearest_returns(self._times, begin, after, MAX_NEAR_TURNS * self.period)
 
     def _find_anew(self, lost: int) -> None:
         """Go on with the period of the points since turns lost their resemblance."""

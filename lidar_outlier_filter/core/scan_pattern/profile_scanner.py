@@ -342,9 +342,7 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         return None
     known, when = good[rank], mirror.turns[rank]
     found = np.empty((count, 3))
-    for axis in range(3):
-        found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
-    found = np.rint(found * POSITION_PARTS) / POSITION_PARTS
+    found[rank] = positions_at(when, when[known], fit.position[rank][known])
     moved = np.repeat(mirror.velocity, lines.sizes, axis=0) * (mirror.since / SECOND)[:, None]
     if not mirror.swings:
         angle = mirror.angle
@@ -355,6 +353,13 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
         return Scanner(found, angle, moved)
     sense = _sense(lines.xyz[lines.order[lines.indices(EVENLY)]] - found[:, None], rank)
     return Scanner(found, mirror.angle * np.repeat(sense, lines.sizes), moved)
+
+
+def positions_at(when: Floats, known: Floats, position: Floats) -> Floats:
+    """Return where the scanner was (L, 3) at some times, by the positions (K, 3) at others."""
+    found = np.stack([np.interp(when, known, column) for column in position.T], axis=1)
+    rounded: Floats = np.rint(found * POSITION_PARTS) / POSITION_PARTS
+    return rounded
 
 
 def _see(lines: TimedLines, position: Floats, moved: Floats, beam: Floats, angle: Floats) -> Floats:

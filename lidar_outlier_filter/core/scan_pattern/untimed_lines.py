@@ -18,20 +18,19 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     MAX_OFF_SWING_STEPS,
     MAX_SIGMA_M,
     MIN_KNOWN_SHARE,
-    POSITION_PARTS,
     Fit,
     Scanner,
     TimedLines,
     find_swing,
     fit_all,
+    positions_at,
     still,
     velocities,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 MAX_TICKS = 8  # of a line: with more, times tell angles
-# Of a part of a tick that shows where the scanner was.
-MIN_PART_RETURNS, MAX_PART_RETURNS = 64, 256
+MIN_PART_RETURNS, MAX_PART_RETURNS = 64, 256  # of a part of a tick that shows a position
 HALVES = np.geomspace(0.25, 2.0, 24)  # rad of half a part, which are tried
 NEAR_SWING = np.geomspace(0.98, 1.02, 7)  # times that, in the second round
 MAX_UNSURE = 4.0  # times the usual standard deviation of a position
@@ -52,9 +51,12 @@ def find_by_order(lines: TimedLines, time: Ints, threads: int = 0) -> Scanner | 
     """
     begins = np.append([True], time[1:] != time[:-1])
     begins[lines.first[:-1]] = True
-    first, count = _part(begins), len(lines.rank)
+    count = len(lines.rank)
+    if np.count_nonzero(begins) > MAX_TICKS * count:
+        return None
+    first = _part(begins)
     long = np.flatnonzero(np.diff(first) >= MIN_PART_RETURNS)
-    if np.count_nonzero(begins) > MAX_TICKS * count or len(long) < MIN_KNOWN_SHARE * count:
+    if len(long) < MIN_KNOWN_SHARE * count:
         return None
     place = np.arange(len(time)) - np.repeat(first[:-1], np.diff(first))
     size = np.diff(first)[long]
@@ -65,8 +67,7 @@ def find_by_order(lines: TimedLines, time: Ints, threads: int = 0) -> Scanner | 
     since = (lines.t - np.repeat(middle, lines.sizes)).astype(np.float64)
     when = (middle - middle.min()) / SECOND
     velocity = np.zeros((count, 3))
-    usual = float(np.median(size)) / 2.0
-    tried = HALVES
+    usual, tried = float(np.median(size)) / 2.0, HALVES
     for _ in range(ROUNDS):
         xyz = still(lines, some, since[some], velocity[line])
         longest = np.argsort(-size, kind='stable')[:STEP_PARTS]
@@ -81,7 +82,7 @@ def find_by_order(lines: TimedLines, time: Ints, threads: int = 0) -> Scanner | 
         if not (np.diff(when[line[known, 0]]) > 0).all():
             return None  # time does not pass
         velocity = velocities(fit.position[known], when[line[known, 0]], when, SECOND)
-    position = _positions(fit.position[known], when[line[known, 0]], when)
+    position = positions_at(when, when[line[known, 0]], fit.position[known])
     moved = np.repeat(velocity, lines.sizes, axis=0) * (since / SECOND)[:, None]
     rays = lines.xyz[lines.order] - moved - np.repeat(position, lines.sizes, axis=0)
     turned = _see(lines, rays, fit, known)
@@ -111,13 +112,6 @@ def _surest(fit: Fit, good: Ints, line: Ints) -> Ints:
     best = order[np.append([True], line[order[1:]] != line[order[:-1]])]
     sure: Ints = best[fit.unsure[best] <= MAX_UNSURE * np.median(fit.unsure[best])]
     return sure
-
-
-def _positions(position: Floats, known: Floats, when: Floats) -> Floats:
-    """Return where the scanner was (L, 3) at some times, by the positions (K, 3) at others."""
-    found = np.stack([np.interp(when, known, column) for column in position.T], axis=1)
-    rounded: Floats = np.rint(found * POSITION_PARTS) / POSITION_PARTS
-    return rounded
 
 
 def _see(lines: TimedLines, rays: Floats, fit: Fit, known: Ints) -> Floats:
