@@ -5,21 +5,28 @@
 The metadata live here and not in a [project] table, because colcon reads them here.
 """
 
+import importlib
 import os
+import platform
+import shutil
 import subprocess
-import sys
+import sysconfig
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from setuptools import find_packages, setup
-from setuptools.command.build_py import build_py
-from setuptools.command.develop import develop
-from setuptools.command.install import install
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'  # makes the default, and proves it
 ROOT = Path(__file__).parent
-# What to compile at an installation: the detectors of a chain; nothing; without it, all that ships.
-COMPILE = 'LIDAR_OUTLIER_FILTER_COMPILE'
+# Floating point in the order written, and no product fused with a sum: the same bits everywhere.
+FLAGS = ['-std=c++17', '-O3', '-g0', '-fPIC', '-fvisibility=hidden', '-Wall', '-Wextra']
+FLAGS += ['-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math', '-DNDEBUG']
+WIDE = [f'-mavx512{part}' for part in ('f', 'vl', 'dq', 'bw')]
+LEVELS = {'base': []}  # of instructions: the options of each
+if platform.machine() == 'x86_64':
+    LEVELS |= {'avx2': ['-mavx2'], 'avx512': [*WIDE, '-mprefer-vector-width=512']}
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -36,50 +43,72 @@ def shared_files() -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
-def compile_kernels(folder: str, *words: str) -> None:
-    """Compile the kernels of the package in ``folder``. A failure costs the first start only."""
-    chain = os.environ.get(COMPILE)
-    if chain == '':
-        return
-    paths = os.pathsep.join([folder, *filter(None, [os.environ.get('PYTHONPATH')])])
-    env = {**os.environ, 'PYTHONPATH': paths, 'PYTHONDONTWRITEBYTECODE': '1'}
-    command = [sys.executable, '-P', '-m', f'{NAME}.cli.main', 'compile', *words]
-    if chain is not None:
-        command += ['--chain', chain]
-    done = subprocess.run(command, env=env, check=False)  # noqa: S603
-    if done.returncode:
-        sys.stderr.write('The kernels are not compiled: the first start of the node does it.\n')
+def kernel_sources(package: str) -> list[str]:
+    """List the C++ of a package; results/ of the laboratory has a peer's, which is not ours."""
+    found = (path.relative_to(ROOT) for path in (ROOT / package).rglob('*.cpp'))
+    return sorted(str(path) for path in found if 'results' not in path.parts)
 
 
-class Build(build_py):  # type: ignore[misc]
-    """Copies the package, and compiles for all processors of a level what a wheel shall bring."""
-
-    def run(self) -> None:
-        """Copy, and compile into folders of its own."""
-        super().run()
-        if 'bdist_wheel' in self.distribution.commands:
-            compile_kernels(os.path.abspath(self.build_lib), '--portable')  # noqa: PTH100  of links
-
-
-class Install(install):  # type: ignore[misc]
-    """Installs for ``colcon build``, and compiles for this processor."""
-
-    def run(self) -> None:
-        """Install, and compile where nothing else, such as a wheel, was asked for."""
-        super().run()
-        if 'install' in self.distribution.commands:
-            # Below a root lies what becomes a package for other machines, as Debian's.
-            compile_kernels(str(self.install_lib), *(['--portable'] if self.root else []))
+def find_headers() -> list[str]:
+    """Return the options that let a compiler find Python's, and pybind11's, which Debian has."""
+    folders = [sysconfig.get_path('include')]
+    try:
+        folders.append(importlib.import_module('pybind11').get_include())
+    except ImportError:
+        if not Path('/usr/include/pybind11').is_dir():
+            raise SystemExit(
+                'pybind11 must be installed, got none: apt install pybind11-dev, or pip install pybind11'
+            ) from None
+    return [f'-I{folder}' for folder in folders]
 
 
-class Develop(develop):  # type: ignore[misc]
-    """Links for ``colcon build --symlink-install``, and compiles."""
+class BuildKernels(build_ext):  # type: ignore[misc]
+    """Compiles C++: files side by side, and only those that changed, or whose headers did."""
 
-    def run(self) -> None:
-        """Link, and compile."""
-        super().run()
-        if 'develop' in self.distribution.commands and not self.uninstall:
-            compile_kernels(os.fspath(Path.cwd()))
+    def build_extension(self, ext: Extension) -> None:
+        """Compile an extension module, files of fast loops once for each level, and link it."""
+        compiler = (os.environ.get('CXX') or sysconfig.get_config_var('CXX') or 'c++').split()
+        if shutil.which(compiler[0]) is None:
+            raise SystemExit(f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++')
+        command = [*compiler, *FLAGS, *find_headers()]
+        command += os.environ.get('CPPFLAGS', '').split() + os.environ.get('CXXFLAGS', '').split()
+        jobs = []
+        # Files of lower levels come first, for the linker: see core/kernels/levels.hpp.
+        for level, options in LEVELS.items():
+            for source in ext.sources:
+                if level == 'base' or source.endswith('.dispatch.cpp'):
+                    made = Path(self.build_temp, level, source).with_suffix('.o')
+                    whole = [*command, *options, f'-DLEVEL={level}', '-MMD', '-c', source]
+                    jobs.append((made, [*whole, '-o', str(made)]))
+        # Those that take longest to compile are the largest; they begin first.
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            order = sorted(jobs, key=lambda job: -Path(job[1][-3]).stat().st_size)
+            changed = list(pool.map(lambda job: self._compile(*job), order))
+        target = Path(self.get_ext_fullpath(ext.name))
+        if any(changed) or not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            linked = [*compiler, '-shared', *(str(made) for made, _ in jobs), '-o', str(target)]
+            self._run([*linked, *os.environ.get('LDFLAGS', '').split()])
+
+    def _compile(self, made: Path, command: list[str]) -> bool:
+        """Compile a file whose object is older than what it was made from, or made otherwise."""
+        listed, said = made.with_suffix('.d'), made.with_suffix('.command')
+        if made.exists() and listed.exists() and said.exists():
+            _, _, names = listed.read_text().replace('\\\n', ' ').partition(':')
+            files = [Path(name) for name in names.split()]
+            since = made.stat().st_mtime
+            fresh = all(file.exists() and file.stat().st_mtime <= since for file in files)
+            if fresh and said.read_text() == ' '.join(command) and not self.force:
+                return False
+        made.parent.mkdir(parents=True, exist_ok=True)
+        self._run(command)
+        said.write_text(' '.join(command))
+        return True
+
+    def _run(self, command: list[str]) -> None:
+        """Run a command; what it says is shown, and its failure ends the build."""
+        if subprocess.run(command, check=False).returncode:  # noqa: S603
+            raise SystemExit(f'the build of {NAME} ends here, because this failed: {" ".join(command)}')
 
 
 setup(
@@ -100,7 +129,7 @@ setup(
             'core/detectors/boosted_trees/*.json',
             'report/assets/*',
             'archive/assets/*',
-            '**/portable/*.nb[ci]',
+            'core/*.pyi',
         ],
         LAB: ['py.typed', 'results/*.cpp'],
     },
@@ -184,7 +213,8 @@ setup(
             'types-PyYAML',
         ],
     },
-    cmdclass={'build_py': Build, 'install': Install, 'develop': Develop},
+    ext_modules=[Extension(f'{NAME}.core._kernels', kernel_sources(NAME))],
+    cmdclass={'build_ext': BuildKernels},
     entry_points={
         'console_scripts': [
             f'lidar-outlier-filter = {NAME}.cli:start',

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled loops over points, by rooms: kernels/module.cpp has the same order.
+
+Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
+TypeError: an array of another kind. ValueError: arrays that do not fit together.
+"""
+
+from lidar_outlier_filter.core.annotations import Floats, Ints
+
+# core/kernels -------------------------------------------------------------------------------------
+
+def levels() -> tuple[str, ...]: ...
+def set_level(name: str) -> None: ...
+def select(values: Floats, count: int, rank: int) -> float: ...
+def median(values: Floats, count: int) -> float: ...
+
+# core/neighbours ----------------------------------------------------------------------------------
+
+def numbers(xyz: Floats) -> Ints: ...
+
+# core/points, core/verdict, pipeline/visibility ---------------------------------------------------
+
+# core/scan_pattern --------------------------------------------------------------------------------
+
+# core/detectors: SOR, LOF, elevation, Gabriel graph -----------------------------------------------
+
+# core/detectors/alpha_beta_gamma ------------------------------------------------------------------
+
+# core/detectors/quadric ---------------------------------------------------------------------------
+
+# core/detectors/boosted_trees: neighbours ---------------------------------------------------------
+
+# core/detectors/boosted_trees: scan patterns ------------------------------------------------------

@@ -1,0 +1,95 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// The door: arrays of NumPy become views, and nothing else does. Nothing is converted or copied.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <memory>
+#include <string>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "array_view.hpp"
+
+namespace py = pybind11;
+
+namespace lidar {
+
+// What is wrong with an object as an array of T; empty where nothing is.
+template <typename T>
+std::string refusal(py::handle object, int dimensions, bool writes) {
+    const auto wanted = std::to_string(dimensions) + "-dimensional array of " +
+                        std::string(py::str(py::dtype::of<T>())) + ", in C order" +
+                        (writes ? " and writable" : "");
+    if (!py::isinstance<py::array>(object)) {
+        return wanted + " expected, got " + std::string(py::str(py::type::handle_of(object)));
+    }
+    const auto array = py::reinterpret_borrow<py::array>(object);
+    const bool fits = py::isinstance<py::array_t<T>>(object) && array.ndim() == dimensions &&
+                      (array.flags() & py::array::c_style) != 0 && (array.writeable() || !writes);
+    return fits ? ""
+                : wanted + " expected, got " + std::string(py::str(array.attr("dtype"))) +
+                      " of shape " + std::string(py::str(array.attr("shape")));
+}
+
+// Reads a NamedTuple, or any tuple, of arrays and numbers as a struct with the same members.
+template <typename Struct, typename... Members>
+struct struct_caster {
+    PYBIND11_TYPE_CASTER(Struct, py::detail::const_name("tuple"));
+
+    bool load(py::handle source, bool convert) {
+        py::detail::make_caster<std::tuple<Members...>> members;
+        if (!members.load(source, convert)) {
+            return false;
+        }
+        value = std::apply([](auto... each) { return Struct{each...}; },
+                           py::detail::cast_op<std::tuple<Members...>>(members));
+        return true;
+    }
+};
+
+}  // namespace lidar
+
+namespace pybind11::detail {
+
+template <typename T, int Dimensions>
+struct type_caster<lidar::View<T, Dimensions>> {
+    using Element = std::remove_const_t<T>;
+    using ViewType = lidar::View<T, Dimensions>;
+    PYBIND11_TYPE_CASTER(ViewType, const_name("numpy.ndarray"));
+
+    bool load(handle source, bool /*convert*/) {
+        const auto wrong = lidar::refusal<Element>(source, Dimensions, !std::is_const_v<T>);
+        if (!wrong.empty()) {
+            throw type_error(wrong);
+        }
+        const auto array = reinterpret_borrow<pybind11::array>(source);
+        value.data = static_cast<T*>(const_cast<void*>(array.data()));
+        for (int i = 0; i < Dimensions; ++i) {
+            value.shape[i] = array.shape(i);
+        }
+        return true;
+    }
+};
+
+template <typename T, int Dimensions>
+struct type_caster<lidar::Owned<T, Dimensions>> {
+    using OwnedType = lidar::Owned<T, Dimensions>;
+    PYBIND11_TYPE_CASTER(OwnedType, const_name("numpy.ndarray"));
+
+    static handle cast(OwnedType source, return_value_policy /*policy*/, handle /*parent*/) {
+        auto kept = std::make_unique<std::vector<T>>(std::move(source.elements));
+        T* const data = kept->data();
+        const capsule owner(kept.release(),
+                            [](void* held) { delete static_cast<std::vector<T>*>(held); });
+        const std::vector<ssize_t> shape(source.shape.begin(), source.shape.end());
+        return pybind11::array_t<T>(shape, data, owner).release();
+    }
+};
+
+}  // namespace pybind11::detail

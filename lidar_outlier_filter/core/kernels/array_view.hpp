@@ -1,0 +1,87 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// Arrays of NumPy as the kernels see them: without Python, and without an owner.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lidar {
+
+using Index = std::int64_t;
+
+// Elements in C order. The door (array_caster.hpp) has checked type, dimensions and order; whoever
+// takes elements as addresses checks these. A const element is read only.
+template <typename T, int Dimensions = 1>
+struct View {
+    T* data = nullptr;
+    std::array<Index, Dimensions> shape{};
+
+    [[gnu::always_inline]] T& operator[](Index i) const {
+        static_assert(Dimensions == 1, "rows are taken by row()");
+        return data[i];
+    }
+    [[gnu::always_inline]] T& operator()(Index i, Index j) const {
+        static_assert(Dimensions == 2, "of two dimensions");
+        return data[i * shape[1] + j];
+    }
+    [[gnu::always_inline]] T& operator()(Index i, Index j, Index k) const {
+        static_assert(Dimensions == 3, "of three dimensions");
+        return data[(i * shape[1] + j) * shape[2] + k];
+    }
+    [[gnu::always_inline]] T* row(Index i) const {
+        static_assert(Dimensions == 2, "of two dimensions");
+        return data + i * shape[1];
+    }
+    [[gnu::always_inline]] Index size() const {  // along the first dimension, as len()
+        return shape[0];
+    }
+    [[gnu::always_inline]] operator View<const T, Dimensions>() const {
+        return {data, shape};
+    }
+};
+
+// An array that a kernel makes and Python gets.
+template <typename T, int Dimensions = 1>
+struct Owned {
+    std::vector<T> elements;
+    std::array<Index, Dimensions> shape{};
+
+    Owned() = default;
+    explicit Owned(std::vector<T> values) : elements(std::move(values)) {
+        static_assert(Dimensions == 1, "of one dimension");
+        shape[0] = static_cast<Index>(elements.size());
+    }
+    Owned(std::vector<T> values, std::array<Index, Dimensions> dimensions)
+        : elements(std::move(values)), shape(dimensions) {}
+};
+
+// Refuses arguments that do not fit together: a ValueError in Python.
+inline void check(bool fits, const char* sentence) {
+    if (!fits) {
+        throw std::invalid_argument(sentence);
+    }
+}
+
+// Refuses a range that is not within `size`.
+inline void check_range(Index begin, Index end, Index size) {
+    check(0 <= begin && begin <= end && end <= size, "begin and end must lie within the array");
+}
+
+// Refuses numbers that are used as indices and are not within `size`.
+template <typename T>
+inline void check_indices(View<T> indices, Index size) {
+    bool fits = true;
+    for (Index i = 0; i < indices.size(); ++i) {
+        fits &= 0 <= indices[i] && static_cast<Index>(indices[i]) < size;
+    }
+    check(fits, "indices must lie within the array that they are of");
+}
+
+}  // namespace lidar

@@ -1,0 +1,156 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// The compiled module, lidar_outlier_filter.core._kernels: what Python can call, by rooms.
+//
+// One file for all rooms, because each that includes pybind11 takes seven seconds to compile. Its
+// stub is ../_kernels.pyi. Functions let go of the GIL, and check what they use as addresses.
+
+#include <stdexcept>
+#include <string>
+
+#include "../neighbours/neighbours.hpp"
+#include "../neighbours/tree.hpp"
+#include "../scan_pattern/pattern.hpp"
+#include "array_caster.hpp"
+#include "levels.hpp"
+#include "select.hpp"
+
+using py::arg;
+
+// Named tuples of Python, member by member.
+namespace pybind11::detail {
+
+template <>
+struct type_caster<lidar::Tree>
+    : lidar::struct_caster<lidar::Tree, lidar::View<const double, 2>, lidar::View<const double, 2>,
+                           lidar::View<const lidar::Index>, lidar::View<const lidar::Index>,
+                           lidar::View<const lidar::Index>> {};
+
+}  // namespace pybind11::detail
+
+namespace lidar {
+
+int level = count_levels() - 1;
+
+int count_levels() {
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (!__builtin_cpu_supports("avx2")) {
+        return 1;
+    }
+    const bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+    return wide ? 3 : 2;
+#else
+    return 1;
+#endif
+}
+
+namespace {
+
+using WithoutGil = py::call_guard<py::gil_scoped_release>;
+
+py::tuple levels() {
+    py::tuple names(count_levels());
+    for (int i = 0; i < count_levels(); ++i) {
+        names[i] = LEVEL_NAMES[i];
+    }
+    return names;
+}
+
+void set_level(const std::string& name) {
+    for (int i = 0; i < count_levels(); ++i) {
+        if (name == LEVEL_NAMES[i]) {
+            level = i;
+            return;
+        }
+    }
+    throw std::invalid_argument("this processor has no level " + name);
+}
+
+// core/kernels ---------------------------------------------------------------------------------
+
+void bind_kernels(py::module_& m) {
+    m.def("levels", &levels);
+    m.def("set_level", &set_level, arg("name"));
+    m.def(
+        "select",
+        [](View<double> values, Index count, Index rank) {
+            check(0 <= rank && rank < count && count <= values.size(), "a rank within the values");
+            return base::select(values.data, count, rank);
+        },
+        arg("values"), arg("count"), arg("rank"), WithoutGil());
+    m.def(
+        "median",
+        [](View<double> values, Index count) {
+            check(0 < count && count <= values.size(), "at least one value");
+            return base::median(values.data, count);
+        },
+        arg("values"), arg("count"), WithoutGil());
+}
+
+// core/neighbours -----------------------------------------------------------------------------
+
+void bind_neighbours(py::module_& m) {
+    m.def("numbers", &numbers, arg("xyz"), WithoutGil());
+}
+
+// core/points, core/verdict, pipeline/visibility ----------------------------------------------
+
+void bind_points(py::module_& m) {
+    (void)m;
+}
+
+// core/scan_pattern ---------------------------------------------------------------------------
+
+void bind_scan_pattern(py::module_& m) {
+    (void)m;
+}
+
+// core/detectors: SOR, LOF, elevation, Gabriel graph ------------------------------------------
+
+void bind_detectors(py::module_& m) {
+    (void)m;
+}
+
+// core/detectors/alpha_beta_gamma -------------------------------------------------------------
+
+void bind_alpha_beta_gamma(py::module_& m) {
+    (void)m;
+}
+
+// core/detectors/quadric ----------------------------------------------------------------------
+
+void bind_quadric(py::module_& m) {
+    (void)m;
+}
+
+// core/detectors/boosted_trees: neighbours ----------------------------------------------------
+
+void bind_neighbour_trees(py::module_& m) {
+    (void)m;
+}
+
+// core/detectors/boosted_trees: scan patterns -------------------------------------------------
+
+void bind_pattern_trees(py::module_& m) {
+    (void)m;
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_kernels, m) {
+    m.doc() = "Loops over points, compiled: see the .cpp files beside the Python of each room.";
+    bind_kernels(m);
+    bind_neighbours(m);
+    bind_points(m);
+    bind_scan_pattern(m);
+    bind_detectors(m);
+    bind_alpha_beta_gamma(m);
+    bind_quadric(m);
+    bind_neighbour_trees(m);
+    bind_pattern_trees(m);
+}
+
+}  // namespace lidar
