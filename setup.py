@@ -24,7 +24,7 @@ ROOT = Path(__file__).parent
 FLAGS = ['-std=c++17', '-O3', '-g0', '-fPIC', '-fvisibility=hidden', '-Wall', '-Wextra']
 FLAGS += ['-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math', '-DNDEBUG']
 WIDE = [f'-mavx512{part}' for part in ('f', 'vl', 'dq', 'bw')]
-LEVELS = {'base': []}  # of instructions: the options of each
+LEVELS: dict[str, list[str]] = {'base': []}  # of instructions: the options of each
 if platform.machine() == 'x86_64':
     LEVELS |= {'avx2': ['-mavx2'], 'avx512': [*WIDE, '-mprefer-vector-width=512']}
 
@@ -56,9 +56,8 @@ def find_headers() -> list[str]:
         folders.append(importlib.import_module('pybind11').get_include())
     except ImportError:
         if not Path('/usr/include/pybind11').is_dir():
-            raise SystemExit(
-                'pybind11 must be installed, got none: apt install pybind11-dev, or pip install pybind11'
-            ) from None
+            must = 'pybind11 must be installed, got none: apt install pybind11-dev'
+            raise SystemExit(must) from None
     return [f'-I{folder}' for folder in folders]
 
 
@@ -69,7 +68,8 @@ class BuildKernels(build_ext):  # type: ignore[misc]
         """Compile an extension module, files of fast loops once for each level, and link it."""
         compiler = (os.environ.get('CXX') or sysconfig.get_config_var('CXX') or 'c++').split()
         if shutil.which(compiler[0]) is None:
-            raise SystemExit(f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++')
+            must = f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++'
+            raise SystemExit(must)
         command = [*compiler, *FLAGS, *find_headers()]
         command += os.environ.get('CPPFLAGS', '').split() + os.environ.get('CXXFLAGS', '').split()
         jobs = []
@@ -108,7 +108,7 @@ class BuildKernels(build_ext):  # type: ignore[misc]
     def _run(self, command: list[str]) -> None:
         """Run a command; what it says is shown, and its failure ends the build."""
         if subprocess.run(command, check=False).returncode:  # noqa: S603
-            raise SystemExit(f'the build of {NAME} ends here, because this failed: {" ".join(command)}')
+            raise SystemExit(f'{NAME} is not built, because this failed: {" ".join(command)}')
 
 
 setup(

@@ -28,7 +28,6 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Reals, Si
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.compiling import make_ready
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
 from lidar_outlier_lab.simulation.scenes.random_streets import LANES
 from lidar_outlier_lab.simulation.scenes.spinning_streets import plan
@@ -212,7 +211,6 @@ def main() -> int:
     parser.add_argument('--sweeps', type=int, default=20, help='of the drive in real snow')
     parser.add_argument('--write', action='store_true')
     options = parser.parse_args()
-    make_ready(FilterParameters())
     chain = Chain(FilterParameters())
     rows = []
     snow = [in_snow(options.wads, options.sweeps)] if options.wads else []

@@ -9,7 +9,7 @@
     scripts/environment python benchmarks/golden.py --small --threads 1 --python PATH
 
 The last one compares what another Python finds, with the libraries that it has, in one thread.
-With ``NUMBA_DISABLE_JIT=1`` kernels are not compiled: then ``--few`` takes a minute.
+``--level`` chooses the instructions of the compiled kernels; all must find the same.
 
 The hash covers the bits of the detectors and the float32 score of every point, so that a change of
 the last bit is seen.
@@ -25,10 +25,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
@@ -58,7 +58,10 @@ CHAINS: dict[str, dict[str, object]] = {
     'by message': {'chain': ('alpha_beta_gamma', 'sor'), 'blocks': 'message'},
 }
 SEED = 7
-LINES, FEW = 4, 240  # lines and points of a recording that are judged without compiled kernels
+LINES, FEW = (
+    4,
+    240,
+)  # lines and points of a recording: a test judges these at all levels
 SLOW_FROM = 100_000  # points of a preset above which patches are left out
 
 
@@ -155,6 +158,7 @@ def main() -> int:
     parser.add_argument('--write', action='store_true', help='write the file again')
     parser.add_argument('--small', action='store_true', help='small real recordings only')
     parser.add_argument('--few', action='store_true', help='few points of these only')
+    parser.add_argument('--level', choices=_kernels.levels(), default=_kernels.levels()[-1])
     parser.add_argument('--threads', type=int, default=0, help='0: all cores')
     parser.add_argument('--python', metavar='PATH', help='another Python, with its own libraries')
     parser.add_argument('--recordings', nargs='+', default=SMALL, metavar='NAME', help='small ones')
@@ -163,7 +167,8 @@ def main() -> int:
     if arguments.python:
         return _by(arguments.python)
     threads = arguments.threads
-    print(f'Python {sys.version.split()[0]}, NumPy {np.__version__}, numba {numba.__version__}')
+    _kernels.set_level(arguments.level)
+    print(f'Python {sys.version.split()[0]}, NumPy {np.__version__}')
     found = of_recordings(small, threads, only_few=True)
     if not arguments.few:
         found |= of_recordings(small, threads)

@@ -21,9 +21,6 @@ def start() -> int:
     """Run the command line as a process of its own; return the exit status."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
-    from lidar_outlier_filter.cli.compile import say_what_is_compiled  # noqa: PLC0415  later
-
-    say_what_is_compiled()
     from lidar_outlier_filter.cli.main import run  # noqa: PLC0415  as said above
 
     try:

@@ -39,7 +39,6 @@ from lidar_outlier_filter.cli.terminal import (
 )
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.pipeline.compiling import make_ready
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.replay import ReplayReport, replay
 
@@ -192,7 +191,6 @@ def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Ite
         if options.scheduler or options.scheduler_file:
             found = workers.cluster_workers(options.scheduler, options.scheduler_file, cache(say))
         elif by_processes and jobs > 1:
-            make_ready(job.filter)  # otherwise each worker would compile the same kernels
             found = workers.local_workers(jobs)
         else:
             found = workers.threads(jobs)

@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.kernels import PORTABLE
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -440,27 +439,6 @@ def _add_search(parser: ArgumentParser) -> None:
         default=1,
         metavar='N',
         help='random seed of the injected outliers; default: 1',
-    )
-
-
-def add_compile(commands: Commands) -> None:
-    """Add the command ``compile``."""
-    parser = commands.add_parser(
-        'compile',
-        help='compile the kernels, so that the node starts in seconds',
-        description='Compile the kernels of the default chain and of the chains in config/, on all '
-        'cores. They are stored in NUMBA_CACHE_DIR if it is set, else beside the sources, else in '
-        'the cache of the user.',
-        epilog='examples:\n  lidar-outlier-filter compile\n'
-        '  lidar-outlier-filter compile --chain lof,sor',
-    )
-    add = parser.add_argument
-    add('--chain', metavar='A,B', help='compile the detectors of this chain only')
-    add(
-        '--portable',
-        action='store_true',
-        help=f'compile all detectors, for all {PORTABLE} processors, as in a wheel, into folders '
-        '"portable" beside the sources',
     )
 
 

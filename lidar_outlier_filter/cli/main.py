@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli import arguments
-from lidar_outlier_filter.cli.compile import COMMAND_GROUP
 from lidar_outlier_filter.cli.terminal import (
     INTERRUPTED,
     REFUSED,
@@ -37,8 +36,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.cli.arguments import Commands
 
 # `run_COMMAND` in the module of that name runs it; that of `mask` is in `replay`.
-COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune', 'compile')
+COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune')
 PROGRAM = 'lidar-outlier-filter'
+COMMAND_GROUP = 'lidar_outlier_filter.commands'  # entry points by which others add commands
 COMPLETING = '_ARGCOMPLETE'  # the environment variable by which a shell asks for completions
 INPUTS = ('recording', 'path', 'data', 'files')  # the arguments that name what a command works on
 OF_RECORDINGS = ('replay', 'info', 'report', 'evaluate', 'tune', 'mask')
@@ -208,7 +208,4 @@ def _chains(prefix: str, **_asked: object) -> Iterable[str]:
 
 
 if __name__ == '__main__':
-    from lidar_outlier_filter.cli.compile import say_what_is_compiled
-
-    say_what_is_compiled()
     sys.exit(main())

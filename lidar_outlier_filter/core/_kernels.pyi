@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled loops over points, by rooms: kernels/module.cpp has the same order.
-
-Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
-TypeError: an array of another kind. ValueError: arrays that do not fit together.
-"""
+#
+# The compiled loops over points, by rooms: kernels/module.cpp has the same order.
+#
+# Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
+# TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
 

@@ -82,7 +82,7 @@ class CloudFilter(Pipeline):
         *,
         chain: str | Sequence[str] | None = None,
     ) -> None:
-        """Load the kernels; compile those that are not cached."""
+        """Take the parameters; nothing is read yet."""
         super().__init__(with_defaults(parameters, chain), inform, warn)
 
     def push(

@@ -22,7 +22,6 @@ from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.pipeline.compiling import is_ready, make_ready
 from lidar_outlier_filter.pipeline.motion import PoseQueue, PoseSource
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
@@ -64,8 +63,6 @@ class Pipeline:
         Called with sentences, each once, on how clouds are read and judged, and what they lack.
     motion : PoseSource, optional
         With it points are moved to a fixed frame before they are judged.
-    compiles : bool, optional
-        Whether all kernels are made ready now. Otherwise each one is read or compiled at first use.
 
     Attributes
     ----------
@@ -85,10 +82,8 @@ class Pipeline:
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
         motion: PoseSource | None = None,
-        *,
-        compiles: bool = True,
     ) -> None:
-        """Compile the kernels if ``compiles``."""
+        """Take the parameters; nothing is read yet."""
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
         self.slow: Callable[[SlowDetector], object] = str
@@ -112,9 +107,6 @@ class Pipeline:
         self._failed_at: set[str] = set()  # lines of code
         self._slow_detectors: set[str] = set()
         self._is_degraded = False
-        self._compiles = compiles
-        if compiles and not is_ready(parameters):
-            make_ready(parameters)
         self._set_chain(self._blocks.chain)
 
     def process(
@@ -258,12 +250,6 @@ class Pipeline:
                 must_be = f'{before[parameter.name]!r} (read-only)'
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
-        try:
-            # The new chain is tried, and its kernels compiled, before the next cloud.
-            if self._compiles and not is_ready(parameters):
-                make_ready(parameters)
-        except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
-            self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
         self._set_chain(chain)
         self.degrade(on=self._is_degraded)

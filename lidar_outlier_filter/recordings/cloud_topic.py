@@ -166,8 +166,7 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        # A kernel is compiled when the first cloud needs it; those of other sensors are not.
-        self.pipeline = Pipeline(parameters, say, say, motion, compiles=False)
+        self.pipeline = Pipeline(parameters, say, say, motion)
         if chain is not None:
             self.pipeline.use_chain(chain)
         self.pipeline.requested_outputs = (False, False)

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -30,7 +30,6 @@ from lidar_outlier_filter.recordings.cloud_topic import (
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 SAMPLE_S = 3.0  # seconds of bag time that the filter judges
-WARM_UP_CLOUDS = 6  # clouds that load or compile the kernels which a sensor needs
 MAX_RING_DEVIATION_RAD = math.radians(1)  # deviation in elevation up to which a line is a ring
 MAX_STEP_DEVIATION = 0.1  # of the median step, up to which rings are evenly spaced
 MIN_LINE_POINTS = 3  # of a line whose elevation is used
@@ -141,8 +140,6 @@ def describe_recording(
         )
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
-            # Twice: kernels that this sensor needs are loaded, or compiled, before the time counts.
-            _judge(topic, CloudInfo(), islice(source.messages([topic], None, stop), WARM_UP_CLOUDS))
             _judge(topic, cloud, source.messages([topic], None, stop))
         done = 0
         for topic, time, data in source.messages():

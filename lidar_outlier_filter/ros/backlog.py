@@ -37,8 +37,6 @@ class Inbox:
     Attributes
     ----------
     clouds, size : the clouds that wait, and their bytes
-    starting : whether the filter is not ready: clouds wait for it, unless ``load.policy`` is
-        pass_through
     closed : whether nothing is expected any more
 
     """
@@ -52,7 +50,7 @@ class Inbox:
         self._change: Command | None = None
         self._is_clouds_turn = False  # a change was done while it waited
         self.clouds = self.size = 0
-        self._woken = self.closed = self.starting = False
+        self._woken = self.closed = False
 
     @property
     def fill(self) -> float:
@@ -134,11 +132,11 @@ class Inbox:
             self._changed.wait_for(self._is_due, seconds)
             if self._commands:
                 return self._commands.popleft()
-            if self._change is not None and not (self._is_clouds_turn and self._has_items):
+            if self._change is not None and not (self._is_clouds_turn and self._items):
                 command, self._change = self._change, None
-                self._is_clouds_turn = self._has_items
+                self._is_clouds_turn = bool(self._items)
                 return command
-            if not self._has_items:
+            if not self._items:
                 # Only now: a woken thread polls when it is given nothing to do.
                 self._woken = False
                 return None
@@ -157,14 +155,8 @@ class Inbox:
                     item.at = now
 
     def _is_due(self) -> bool:
-        waits = self._has_items or self._commands or self._change
+        waits = self._items or self._commands or self._change
         return bool(waits or self._woken or self.closed)
-
-    @property
-    def _has_items(self) -> bool:
-        """Whether a cloud, or a command among them, may be taken."""
-        is_held = self.starting and self.load.policy != 'pass_through' and not self.closed
-        return bool(self._items) and not is_held
 
     def _add(self, item: Received) -> None:
         self._items.append(item)

@@ -27,7 +27,6 @@ from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
-from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
 from lidar_outlier_filter.ros.tf import make_motion
@@ -38,7 +37,6 @@ Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud,
 # Messages kept while the executor is busy: the middleware replaces the oldest without a notice.
 INPUT_DEPTH, ODOMETRY_DEPTH = 50, 1000
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
-WAIT_PERIOD = 5.0  # seconds between two log lines about a filter that is not ready
 MEGABYTE = 1e6
 
 
@@ -58,12 +56,7 @@ class Channel:
         self._log = node.get_logger()
         self._parameters = parameters
         self._motion = make_motion(node, parameters)
-        self._compiler: Compiler | None = None
-        self._waited = 0.0  # seconds for the kernels
-        # Its kernels become ready while the node subscribes already.
-        self._filter = Pipeline(
-            parameters, self._log_info, self._log_warning, self._motion, compiles=False
-        )
+        self._filter = Pipeline(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
@@ -92,11 +85,9 @@ class Channel:
         """Count the clouds that were received and have no output yet."""
         return self._filter.pending + self.worker.inbox.clouds
 
-    def start(self, compiler: Compiler) -> None:
-        """Subscribe, and filter in a thread of its own when kernels are ready; also again."""
-        self._compiler, self._waited = compiler, 0.0
+    def start(self) -> None:
+        """Subscribe, and filter in a thread of its own; also again."""
         self.worker.inbox.reopen()
-        self.worker.wait_until_ready()
         self.worker.start(f'filter {self.topic}')
         if self._motion is not None and self._motion.topic:
             self._odometry = self._subscribe(
@@ -127,7 +118,6 @@ class Channel:
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
         self._warn_of_losses(seconds)
-        self._say_it_waits(seconds)
         at = self.worker.oldest
         oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
         megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
@@ -164,8 +154,6 @@ class Channel:
 
     def _remarks(self) -> list[str]:
         remarks = []
-        if self._compiler is not None and self._compiler.compiling:
-            remarks.append(self._compiler.compiling)
         if not self.worker.enabled:
             remarks.append('disabled: clouds pass unfiltered')
         if self.worker.treatment is not Treatment.FILTER:
@@ -179,15 +167,6 @@ class Channel:
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set but /clock is not published')
         return remarks
-
-    def _say_it_waits(self, seconds: float) -> None:
-        """Log from time to time that the filter is not ready; ``seconds`` since the last call."""
-        if self._compiler is None or self.worker.ready.is_set():
-            return
-        before, self._waited = self._waited, self._waited + seconds
-        if self._waited // WAIT_PERIOD > before // WAIT_PERIOD:
-            said = f'{self._compiler.compiling}; clouds that wait: {self.worker.inbox.clouds}'
-            self._log_warning(f'not ready after {self._waited:.0f} s: {said}')
 
     def _warn_of_losses(self, seconds: float) -> None:
         """Warn of lost or unfiltered clouds if due; ``seconds`` is the time since the last call."""

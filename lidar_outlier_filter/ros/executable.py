@@ -40,7 +40,7 @@ def main(*, lifecycle: bool = False, attach: Callable[[OutlierFilterNode], objec
     """
     # Until there is a node: not by an exception, which an import or a destructor would swallow.
     on_stop(lambda: os._exit(0))
-    # ROS, NumPy and numba take a second or two.
+    # ROS and NumPy take a second or two.
     from lidar_outlier_filter.ros.node import ManagedFilterNode, OutlierFilterNode, run  # noqa: PLC0415
 
     return run(ManagedFilterNode if lifecycle else OutlierFilterNode, attach, on_stop)

@@ -233,7 +233,7 @@ class _Sample:
     @property
     def unfiltered(self) -> int:
         """Clouds that the filter let pass since the last sample."""
-        reasons = ('overload', 'failure', 'compiling')
+        reasons = ('overload', 'failure')
         return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:

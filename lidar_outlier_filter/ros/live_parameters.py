@@ -96,14 +96,12 @@ class TunableNode(Node):  # type: ignore[misc]
             )
             self.get_logger().info(f'parameters set: {", ".join(said)}')
             self._parameters_now = changed
-            result.reason = self.apply(changed)
-            if result.reason:
-                self.get_logger().info(result.reason)
+            self.apply(changed)
         return result
 
     @abstractmethod
-    def apply(self, parameters: FilterParameters) -> str:
-        """Use changed parameters; return a sentence if they take effect later, else ''."""
+    def apply(self, parameters: FilterParameters) -> None:
+        """Use changed parameters from the next block."""
 
     def _is_as_it_is(self, item: RosParameter) -> bool:
         """Return whether a read-only parameter is given the value that it has."""

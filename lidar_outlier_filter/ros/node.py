@@ -25,7 +25,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.pipeline.topics import output_topics
 from lidar_outlier_filter.ros.channel import Channel, Show
-from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.endpoints import INPUT, remapped
 from lidar_outlier_filter.ros.live_parameters import TunableNode
@@ -60,8 +59,7 @@ def _refuse_topic(what: str, name: str) -> None:
 class OutlierFilterNode(TunableNode):
     """Filters the clouds of one topic, or of several, each as a stream of its own.
 
-    The constructor declares parameters and makes publishers. ``start`` subscribes, and makes the
-    kernels ready.
+    The constructor declares parameters and makes publishers. ``start`` subscribes.
     """
 
     is_managed = False  # and has its channels when it is configured
@@ -95,13 +93,7 @@ class OutlierFilterNode(TunableNode):
         super().__init__(parameters or {}, **options)
         for refused in installed().refused.values():
             self.get_logger().warning(str(refused))
-        self._compiler = Compiler(
-            self._take_over,
-            self.get_logger().info,
-            self.get_logger().warning,
-            self._between_clouds,
-        )
-        self._is_started = self._is_ready = False
+        self._is_started = False
         self._show: Show | None = None
         if not self.is_managed:
             self.channels = self.make_channels()
@@ -131,14 +123,13 @@ class OutlierFilterNode(TunableNode):
         self.create_service(SetBool, '~/enable', self._enable)
 
     def run(self) -> None:
-        """Subscribe, watch over ``max_delay``, and make the kernels ready."""
-        self._is_ready = False
+        """Subscribe, and watch over ``max_delay``."""
         self._diagnostics = Diagnostics(self, self.channels)
         for channel in self.channels:
-            channel.start(self._compiler)
+            channel.start()
         self._warn_of_overrides()
         self._is_started = True
-        self._compiler.request(self.filter_parameters)
+        self.get_logger().info(ready_line(self.filter_parameters, self.channels))
 
     def _warn_of_overrides(self) -> None:
         """Warn of overrides of the quality of service for topics that this node has not."""
@@ -169,7 +160,6 @@ class OutlierFilterNode(TunableNode):
         """Stop all threads and release all resources."""
         for channel in self.channels:
             channel.stop()
-        self._compiler.stop()
         super().destroy_node()
 
     def _names(self) -> tuple[str, ...]:
@@ -186,27 +176,10 @@ class OutlierFilterNode(TunableNode):
             raise ParameterError('inputs', must_be, repr(list(names)))
         return names
 
-    def apply(self, parameters: FilterParameters) -> str:
-        """Apply parameters from the next block, or once compiled; return a sentence if later."""
-        if self._is_started:
-            self._compiler.request(parameters)
-        else:
-            self._take_over(parameters)
-        return self._compiler.reply
-
-    def _take_over(self, parameters: FilterParameters) -> None:
-        """Filter by parameters whose kernels are ready, from the next block on."""
+    def apply(self, parameters: FilterParameters) -> None:
+        """Apply parameters from the next block."""
         for channel in self.channels:
             channel.change(parameters)
-        if self._is_started and not self._is_ready:
-            self._is_ready = True
-            self.get_logger().info(ready_line(parameters, self.channels))
-            for channel in self.channels:
-                channel.worker.between_clouds(channel.worker.begin)
-
-    def _between_clouds(self, command: Callable[[], None]) -> None:
-        for channel in self.channels[:1]:
-            channel.worker.between_clouds(command)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         for channel in self.channels:
@@ -255,7 +228,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe, and filter once the kernels are ready."""
+        """Subscribe, and filter."""
         self.run()
         return super().on_activate(state)
 
@@ -278,7 +251,6 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     def _pause(self) -> None:
         if self._is_started:
             self.finish()
-            self._compiler.stop()
             self._diagnostics.end()
 
     def _release(self) -> None:

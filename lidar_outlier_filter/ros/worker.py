@@ -22,8 +22,8 @@ from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, read_cloud
 from lidar_outlier_filter.ros.health import DROPPED, Health
 
 # What ~/state says of the clouds on `cleaned`, with a reason
-NONE, UNFILTERED, FILTERED = 'none: ', 'unfiltered: ', Treatment.FILTER.value
-NOT_READY, OVERLOAD, DISABLED = 'not ready', 'overload', 'disabled'
+UNFILTERED, FILTERED = 'unfiltered: ', Treatment.FILTER.value
+OVERLOAD, DISABLED = 'overload', 'disabled'
 SMALLEST, BACK = Duration(nanoseconds=1), Duration(nanoseconds=-1)
 
 
@@ -55,8 +55,6 @@ class Worker:
         self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
-        self.ready = threading.Event()  # the kernels are
-        self.ready.set()
         self._state = ''  # published last
         self._taken: Received | None = None  # the cloud that is filtered
         self._waits: Received | None = None  # the cloud that has waited longest for its output
@@ -70,10 +68,8 @@ class Worker:
 
     def start(self, name: str) -> None:
         """Filter in a thread of its own."""
-        passes = self._parameters.load.policy == 'pass_through'
-        self._filter.pass_failed = passes
-        if self.enabled and not self.ready.is_set():
-            self._say(UNFILTERED + NOT_READY if passes else NONE + NOT_READY)
+        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
+        self._say(FILTERED if self.enabled else UNFILTERED + DISABLED)
         self.clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
@@ -83,17 +79,6 @@ class Worker:
         """When the cloud was received that has waited longest; None where none waits."""
         waiting = self._waits or self._taken
         return self.inbox.oldest if waiting is None else waiting.at
-
-    def wait_until_ready(self) -> None:
-        """Publish no cloud until :meth:`begin`, unless ``load.policy`` is pass_through."""
-        self.inbox.starting = True
-        self.ready.clear()
-
-    def begin(self) -> None:
-        """Filter: the kernels are ready."""
-        self.inbox.starting = False
-        self.ready.set()
-        self._say(FILTERED if self.enabled else UNFILTERED + DISABLED)
 
     def join(self) -> None:
         """Wait until all that the closed inbox held is filtered."""
@@ -129,8 +114,7 @@ class Worker:
                 # Clouds that would complete their blocks are not read any more.
                 self._publish(self._filter.flush_pending())
             self.enabled = on
-            if self.ready.is_set():
-                self._say(FILTERED if on else UNFILTERED + DISABLED)
+            self._say(FILTERED if on else UNFILTERED + DISABLED)
 
         self.between_clouds(apply, in_turn=True)
 
@@ -208,10 +192,6 @@ class Worker:
         """Filter a cloud, or do with it what the load allows."""
         began = perf_counter()
         treatment = self._treat(received)
-        if self.enabled and not self.ready.is_set():
-            # At the end all clouds are taken, ready or not.
-            passes = self._parameters.load.policy == 'pass_through'
-            treatment = Treatment.PASS if passes else Treatment.DROP
         if treatment is Treatment.DROP:
             self._health.missed(DROPPED)
             return
@@ -221,10 +201,7 @@ class Worker:
             self._filter.refused(err)
             return
         self._health.read(len(received.msg.data) // max(received.msg.point_step, 1))
-        if self.enabled and not self.ready.is_set():
-            self._say(UNFILTERED + NOT_READY)
-            self._publish(self._process(received.msg, received, 'compiling'))
-        elif treatment is Treatment.PASS and self.enabled:
+        if treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
             self._publish(self._filter.flush_pending())
             self._say(UNFILTERED + OVERLOAD)

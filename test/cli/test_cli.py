@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 from argparse import ArgumentParser
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,19 +16,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from helpers import names
-from helpers.programs import ended
-from helpers.watching import fresh_copy
 from pyarrow import parquet
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli import compile as compile_notice
 from lidar_outlier_filter.cli.arguments import add_parameter_options
 from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import read_parameters
-from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import config_folder, read_yaml
-from lidar_outlier_filter.pipeline import compiling
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 Capture = pytest.CaptureFixture[str]
@@ -289,49 +283,6 @@ def test_completion(line: str, expected: set[str], tmp_path: Path) -> None:
     subprocess.run(RUN, env={**os.environ, **asked}, check=True, cwd=tmp_path)
     found = (tmp_path / 'completions').read_text('utf-8').split('\v')
     assert {one.strip() for one in found} == expected
-
-
-@pytest.mark.slow
-def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
-    """The second run compiles nothing, and says nothing of it."""
-    env = fresh_copy(tmp_path, 'sor._average*.nb?')
-    file = tmp_path / 'cloud.csv'
-    rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
-    file.write_text('x,y,z\n' + ''.join(rows))
-    words = (
-        '-P',
-        '-m',
-        'lidar_outlier_filter.cli.main',
-        'clean',
-        file,
-        '--dry-run',
-        '--chain',
-        'sor',
-    )
-    first, second = (ended(sys.executable, *words, env=env).stderr for _ in range(2))
-    assert first.count(f'{compile_notice.SENTENCE}\n') == 1
-    assert 'compiled' not in second
-
-
-def test_what_is_compiled_is_said_before(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The command names all parts before the first, which takes a while, is done."""
-    said: list[str] = []
-
-    def run(_self: object, work: list[object], advance: Callable[..., object]) -> list[str]:
-        said.append(capsys.readouterr().err)
-        advance(1, len(work), 'lof')
-        return []
-
-    monkeypatch.setattr(compiling, 'load', lambda *_, **__: False)
-    monkeypatch.setattr(compiling.Processes, 'run', run)
-    monkeypatch.setattr(CacheFile, 'allows_portable', CacheFile.allows_portable)
-    assert main(['compile', '--chain', 'lof,sor']) == 0
-    (before,) = said
-    assert before.startswith('compiling, ')
-    assert before.endswith(': lof; sor\n')
-    assert capsys.readouterr().err.startswith('compiled 1 of 2: lof\n')
 
 
 def test_parameter_files_of_the_package(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What several tests use; none is a test itself."""
 
-import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -24,9 +23,3 @@ def benchmark(name: str) -> Any:
     if str(BENCHMARKS) not in sys.path:
         sys.path.append(str(BENCHMARKS))
     return import_module(name)
-
-
-def environment_without_compiler() -> dict[str, str]:
-    """Return an environment in which kernels are plain Python: untraced, as that takes minutes."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith('COVERAGE_')}
-    return kept | {'NUMBA_DISABLE_JIT': '1'}

@@ -106,7 +106,7 @@ def collector(
 
 
 def filtering(*arguments: str, env: Mapping[str, str]) -> Program:
-    """Start the node; it says 'filters' when kernels are ready and its outputs are received.
+    """Start the node; it says 'filters' when its outputs are received.
 
     Clouds that come before that may be dropped, or filtered for nobody.
 
@@ -254,11 +254,7 @@ def _diagnose() -> None:
 def _filter() -> int:
     def watch(node: OutlierFilterNode) -> None:
         def check() -> None:
-            channels = node.channels
-            if all(
-                channel.worker.ready.is_set() and all(channel.publisher.requested)
-                for channel in channels
-            ):
+            if all(all(channel.publisher.requested) for channel in node.channels):
                 timer.cancel()
                 _say('filters')
 

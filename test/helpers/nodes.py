@@ -194,10 +194,9 @@ class Sensor:
             self._ros.client.destroy_subscription(subscription)
 
     def wait_for_filter(self, node: OutlierFilterNode | Channel) -> None:
-        """Serve until the topics of both sides are connected, all three, and kernels are ready."""
+        """Serve until the topics of both sides are connected, all three."""
         self._ros.wait(self._matched)
         channel = node.channels[0] if isinstance(node, OutlierFilterNode) else node
-        assert channel.worker.ready.wait(TIMEOUT)
         publishers = (channel.publisher.cleaned, channel.publisher.outliers)
         # The filter's side knows of the sensor later than the sensor of the filter, and what it
         # does not know of it does not receive: it does not ask for clouds again.
@@ -222,14 +221,7 @@ class Sensor:
 
 def receive(channel: Channel, msg: PointCloud2) -> None:
     """Let a channel that filters receive a cloud, as from the middleware."""
-    assert channel.worker.ready.wait(TIMEOUT)
     channel.take(serialize_message(msg))
-
-
-def wait_for_kernels(node: OutlierFilterNode) -> None:
-    """Wait until a node that is started filters."""
-    for channel in node.channels:
-        assert channel.worker.ready.wait(TIMEOUT)
 
 
 def wait_for_thread(node: OutlierFilterNode) -> None:

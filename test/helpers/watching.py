@@ -3,7 +3,6 @@
 """A node that is a process, a sensor that sends it clouds at 10 Hz, and all that it says."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +10,6 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -20,7 +18,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 
-from helpers import ROOT
 from helpers.clouds import STAMP, cloud, table
 from helpers.live import KEEP_ALL
 
@@ -45,19 +42,6 @@ def sweep(number: int) -> PointCloud2:
     }
     rows = table(len(ring), ring=('u2', ring), **columns)
     return cloud(rows, STAMP + round(number * PERIOD * 1e9))
-
-
-def fresh_copy(folder: Path, *without: str, source: Path = ROOT) -> dict[str, str]:
-    """Copy the package without what is compiled; return the environment that uses the copy.
-
-    ``without`` may leave out less: patterns of the names of kernels, as ``sor.*``. What is left
-    out must be compiled; all others are, where an earlier use of the package has done that.
-    """
-    ignored = shutil.ignore_patterns(*(without or ['__pycache__']))
-    for name in ('lidar_outlier_filter', 'lidar_outlier_lab'):
-        shutil.copytree(source / name, folder / name, ignore=ignored)
-    paths = [str(folder), *filter(None, [os.environ.get('PYTHONPATH')])]
-    return {'PYTHONPATH': os.pathsep.join(paths)}
 
 
 @dataclass

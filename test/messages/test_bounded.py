@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
-from helpers.nodes import NO_CLOUD, Ros, hold_up, line, wait_for_kernels, wait_for_thread
+from helpers.nodes import NO_CLOUD, Ros, hold_up, line, wait_for_thread
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
@@ -93,7 +93,6 @@ def test_bytes_that_are_no_cloud(ros: Ros) -> None:
     node = ros.filter('-p', 'load.clouds:=100', '-p', 'max_delay:=60.0')
     node.start()
     channel = node.channels[0]
-    wait_for_kernels(node)
     go_on = hold_up(node)
     for _ in range(500):
         channel.take(NO_CLOUD)

@@ -40,40 +40,6 @@ def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
     check_outputs(before, after, topic.topic)
 
 
-LOADED = """
-import sys
-from pathlib import Path
-from numba.core.dispatcher import Dispatcher
-from lidar_outlier_filter.recordings.info import describe_recording
-from lidar_outlier_filter.recordings.replay import replay
-if sys.argv[2] == 'info':
-    describe_recording(Path(sys.argv[1]))
-else:
-    replay(Path(sys.argv[1]), Path(sys.argv[2]))
-for name, module in list(sys.modules.items()):
-    if name.startswith('lidar_outlier_filter.core') and any(
-        isinstance(one, Dispatcher) and one.__module__ == name and one.signatures
-        for one in vars(module).values()
-    ):
-        print(name)
-"""
-
-
-@pytest.mark.parametrize('what', ['info', 'replay'])
-def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, what: str) -> None:
-    """A command on the recording of a spinning sensor waits for no kernel of other sensors."""
-    source = recordings / 'bags' / 'vlp16_mrpt_mcap'
-    output = what if what == 'info' else str(tmp_path / 'out')
-    command = [sys.executable, '-c', LOADED, str(source), output]
-    loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees.'
-    assert f'{boosted_trees}pattern_trees' in loaded
-    others = ('profile_pattern', 'profile_scanner', 'profile_features')
-    assert not [one for one in loaded if one.endswith(others)]
-    features = (f'{boosted_trees}near_', f'{boosted_trees}far_')
-    assert not [one for one in loaded if one.startswith(features)]
-
-
 def test_everything_else_is_copied(tmp_path: Path) -> None:
     """Texts, an own type and a silent topic are in the output, which other readers understand."""
     source = write_drive(tmp_path / 'drive', map(cloud, range(12)))

@@ -22,7 +22,6 @@ from helpers.live import (
 )
 from helpers.nodes import flush, process
 from helpers.programs import Program, ended
-from helpers.watching import fresh_copy
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
@@ -168,16 +167,6 @@ def test_stopped_while_it_loads(module: str, number: signal.Signals) -> None:
         node.signal(number)
         assert node.wait() == 0
     assert [line for line in node.output if not line.startswith('import time:')] == []
-
-
-def test_stopped_while_it_compiles(tmp_path: Path) -> None:
-    """From an empty cache that takes half a minute; nobody has to wait for its end."""
-    env = environment() | fresh_copy(tmp_path)
-    with Program('-P', '-m', 'lidar_outlier_filter.cli.node', env=env) as node:
-        node.wait_for('compiling boosted_trees')
-        node.signal(signal.SIGINT)
-        assert node.wait() == 0
-    assert len(node.output) == 1
 
 
 @pytest.mark.parametrize(

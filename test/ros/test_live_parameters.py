@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.nodes import Ros, Sensor, values, wait_for_kernels
+from helpers.nodes import Ros, Sensor, values
 from helpers.programs import TIMEOUT
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
@@ -143,7 +143,6 @@ def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) ->
     """Each change of parameters, and each change between filtering and passing, is one line."""
     node = ros.filter(*SMOOTHER)
     node.start()
-    wait_for_kernels(node)
     capfd.readouterr()
     assert ros.set(gap_factor=4.0) == ros.set(gap_factor=4.0) == ['']
     ros.call(SetBool, 'enable', SetBool.Request(data=False))

@@ -3,7 +3,7 @@
 """The managed node, driven through its services with the real middleware."""
 
 import pytest
-from helpers.nodes import Ros, Sensor, line, wait_for_kernels
+from helpers.nodes import Ros, Sensor, line
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
@@ -76,7 +76,6 @@ def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> Non
     assert 'is ready' not in capfd.readouterr().err
     assert manager.change(Transition.TRANSITION_ACTIVATE)
     assert topics(node) == (OUTPUTS, True)
-    wait_for_kernels(node)
     assert 'is ready' in capfd.readouterr().err
     sensor = Sensor(ros, '/points')
     send(ros, node, sensor, 0, 5)
@@ -102,7 +101,7 @@ def test_configured_anew(ros: Ros) -> None:
     """After a cleanup the node filters by what the parameters are then."""
     node, manager = make(ros, chain=['lof'])
     for chain in (['lof'], ['sor', 'lof']):
-        ros.set(chain=chain)  # where kernels must be compiled, the reply says so
+        ros.set(chain=chain)
         assert list(node.filter_parameters.chain) == chain
         assert manager.change(Transition.TRANSITION_CONFIGURE)
         assert manager.change(Transition.TRANSITION_ACTIVATE)

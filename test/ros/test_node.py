@@ -17,7 +17,6 @@ from helpers.nodes import (
     line,
     process,
     rejected,
-    wait_for_kernels,
     wait_for_thread,
 )
 from sensor_msgs.msg import PointCloud2
@@ -101,7 +100,6 @@ def test_says_once_that_it_is_ready(
     node = ros.filter('-r', '__ns:=/car', parameters=names | parameters)
     assert 'ready' not in capfd.readouterr().err
     node.start()
-    wait_for_kernels(node)
     expected = (
         f'version {__version__} is ready: '
         '/car/left/points to /car/left/points/cleaned and /car/left/points/outliers, '

@@ -8,20 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_kernels, wait_for_thread
+from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from helpers.programs import TIMEOUT
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline import pipeline
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-from lidar_outlier_filter.ros import compiler
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.node import OutlierFilterNode
 
@@ -258,8 +254,6 @@ def test_a_slider_stops_no_cloud(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> N
         change(parameters)
 
     monkeypatch.setattr(channel._filter, 'change', note)
-    # What is ready costs nothing to change: no kernel is tried.
-    monkeypatch.setattr(pipeline, 'make_ready', lambda *_: 1 / 0)
     significance = [1e-6 * (1 + step) for step in range(250)]
     client, replies = ros.parameters(), []
     with held_up(node):
@@ -274,104 +268,6 @@ def test_a_slider_stops_no_cloud(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> N
     assert results(ros, sensor, 5) == [(number, 1) for number in range(5)]
     assert applied == significance[-1:]
     assert channel.statistics.failures == 0
-
-
-# The start
-
-
-class Loading:
-    """Stands in for loading kernels, which takes until it is let go on."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.go_on = threading.Event()
-        monkeypatch.setattr(compiler, 'load', self.load)
-        monkeypatch.setattr(compiler, 'is_ready', lambda _parameters: self.go_on.is_set())
-
-    def load(self, _parameters: FilterParameters) -> bool:
-        """Wait."""
-        return self.go_on.wait(TIMEOUT)
-
-
-def start_loading(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, list[str]]:
-    """Start a node whose kernels are not loaded, a sensor, and a listener to its states."""
-    node = ros.filter(
-        parameters=SHORT | {key.replace('__', '.'): parameters[key] for key in parameters}
-    )
-    node.start()
-    states: list[str] = []
-    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    ros.client.create_subscription(
-        String, '/points/cleaned/state', lambda msg: states.append(msg.data), latched
-    )
-    sensor = Sensor(ros, '/points')
-    clouds, publisher = node.channels[0]._clouds, node.channels[0].publisher
-    assert clouds is not None
-    while not (clouds.get_publisher_count() and all(publisher.requested) and states):
-        ros.executor.spin_once(0.05)
-    return node, sensor, states
-
-
-def test_nothing_is_published_until_the_filter_is_ready(
-    ros: Ros, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Clouds wait for it; who subscribes late learns the state, and the log says it every 5 s."""
-    loading = Loading(monkeypatch)
-    node, sensor, states = start_loading(ros)
-    node._diagnostics._timer.cancel()
-    channel = node.channels[0]
-    send(ros, node, sensor, 3)
-    done = threading.Event()
-    channel.worker.inbox.order(done.set)  # commands are done
-    assert done.wait(TIMEOUT)
-    for _ in range(11):
-        channel.sample(1.0)
-    assert (states, channel.waiting, channel.statistics.messages) == (['none: not ready'], 3, 0)
-    loading.go_on.set()
-    wait_for_kernels(node)
-    node.finish()
-    assert results(ros, sensor, 3) == [(0, 1), (1, 1), (2, 1)]
-    assert channel.statistics.bypassed == {}
-    while len(states) < 2:
-        ros.executor.spin_once(0.05)
-    assert states == ['none: not ready', 'filtered']
-    lines = [line for line in capfd.readouterr().err.splitlines() if 'not ready after' in line]
-    assert [line.partition('after ')[2] for line in lines] == [
-        f'{seconds} s: loading the kernels of alpha_beta_gamma; clouds that wait: 3'
-        for seconds in (5, 10)
-    ]
-
-
-def test_who_ends_before_it_is_ready(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clouds that wait are dropped, and counted: nobody can filter them."""
-    loading = Loading(monkeypatch)
-    node, sensor, _ = start_loading(ros)
-    send(ros, node, sensor, 3)
-    node.finish()
-    assert node.channels[0].health._missed['dropped'] == 3
-    assert (sensor.cleaned, node.channels[0].statistics.messages) == ([], 0)
-    loading.go_on.set()
-
-
-def test_clouds_pass_until_the_filter_is_ready_where_that_is_chosen(
-    ros: Ros, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And the state says that they are unfiltered, also when it is switched off later."""
-    loading = Loading(monkeypatch)
-    node, sensor, states = start_loading(ros, load__policy='pass_through')
-    send(ros, node, sensor, 2)
-    assert results(ros, sensor, 2) == [(0, 0), (1, 0)]
-    assert states == ['unfiltered: not ready']
-    loading.go_on.set()
-    wait_for_kernels(node)
-    send(ros, node, sensor, 1, first=2)
-    node.channels[0].worker.enable(on=False)
-    wait_for_thread(node)
-    assert node.channels[0].statistics.bypassed == {'compiling': 2}
-    while len(states) < 3:
-        ros.executor.spin_once(0.05)
-    assert states == ['unfiltered: not ready', 'filtered', 'unfiltered: disabled']
-    node.finish()
-    assert results(ros, sensor, 3)[2:] == [(2, 1)]
 
 
 # The end

@@ -10,7 +10,6 @@ from functools import cache
 from time import monotonic, sleep
 from typing import NamedTuple
 
-from lidar_outlier_filter.core.kernels import listeners
 from lidar_outlier_filter.core.points.points import SECOND, Points
 
 SaySlow = Callable[['SlowDetector'], object]
@@ -73,8 +72,6 @@ os.register_at_fork(after_in_child=_forget)
 def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) -> Iterator[None]:
     """Report a detector from another thread if the enclosed block takes too long.
 
-    Nothing is reported if kernels are compiled meanwhile: that is reported elsewhere, once.
-
     Parameters
     ----------
     name : of the detector
@@ -92,14 +89,9 @@ def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) ->
         times = points.t[points.valid]
         call(SlowDetector(name, limit, len(times), int(times.min())))
 
-    def compiles(_module: str) -> None:
-        _due.pop(key, None)
-
     _start_watching()
     _due[key] = monotonic() + limit, report
-    listeners.append(compiles)
     try:
         yield
     finally:
-        listeners.remove(compiles)
         _due.pop(key, None)
