@@ -14,19 +14,18 @@ COPY . src/lidar_outlier_filter
 # What package.xml names, from apt; what apt lacks, from the list that the .deb's users take, too.
 RUN apt-get update \
     && rosdep update --rosdistro jazzy \
-    && rosdep install --from-paths src --ignore-src -y --dependency-types exec \
+    && rosdep install --from-paths src --ignore-src -y --dependency-types exec build \
     && apt-get install -y --no-install-recommends python3-pip \
     && pip install --no-cache-dir --break-system-packages --no-deps --require-hashes \
         -r src/lidar_outlier_filter/config/from_pip.txt \
     && rm -rf /var/lib/apt/lists/*
 
-# Kernels are compiled for the processor of this machine. Another one compiles them anew at its first start.
 RUN . /opt/ros/jazzy/setup.sh && colcon build --packages-select lidar_outlier_filter
 
 # The entry point of the image sources ROS; this sources the workspace, too.
 RUN sed --in-place 's|^exec|source /workspace/install/setup.bash\nexec|' /ros_entrypoint.sh
 # The first user of most hosts has the same number, 1000: shared memory of DDS works between equal users only, so give
-# another one by `docker run --user`. Kernels of the image are read-only, others are kept in its home.
+# another one by `docker run --user`.
 USER ubuntu
 # `docker stop` sends it: at SIGTERM `ros2 launch` does not stop the node, which loses its pending clouds.
 STOPSIGNAL SIGINT

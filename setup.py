@@ -10,6 +10,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,7 +23,7 @@ LAB = 'lidar_outlier_lab'  # makes the default, and proves it
 ROOT = Path(__file__).parent
 # Floating point in the order written, and no product fused with a sum: the same bits everywhere.
 FLAGS = ['-std=c++17', '-O3', '-g0', '-fPIC', '-fvisibility=hidden', '-Wall', '-Wextra']
-FLAGS += ['-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math', '-DNDEBUG']
+FLAGS += ['-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math', '-fno-lto', '-DNDEBUG']
 WIDE = [f'-mavx512{part}' for part in ('f', 'vl', 'dq', 'bw')]
 LEVELS: dict[str, list[str]] = {'base': []}  # of instructions: the options of each
 if platform.machine() == 'x86_64':
@@ -64,14 +65,20 @@ def find_headers() -> list[str]:
 class BuildKernels(build_ext):  # type: ignore[misc]
     """Compiles C++: files side by side, and only those that changed, or whose headers did."""
 
+    def finalize_options(self) -> None:
+        """Keep objects beside the sources where these are worked on: pip would not."""
+        super().finalize_options()
+        if self.inplace:
+            self.build_temp = str(Path('build', f'temp.{sys.implementation.cache_tag}'))
+
     def build_extension(self, ext: Extension) -> None:
         """Compile an extension module, files of fast loops once for each level, and link it."""
         compiler = (os.environ.get('CXX') or sysconfig.get_config_var('CXX') or 'c++').split()
         if shutil.which(compiler[0]) is None:
             must = f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++'
             raise SystemExit(must)
-        command = [*compiler, *FLAGS, *find_headers()]
-        command += os.environ.get('CPPFLAGS', '').split() + os.environ.get('CXXFLAGS', '').split()
+        given = [one for name in ('CPPFLAGS', 'CXXFLAGS') for one in os.environ.get(name, '').split()]
+        command = [*compiler, *given, *FLAGS, *find_headers()]
         jobs = []
         # Files of lower levels come first, for the linker: see core/kernels/levels.hpp.
         for level, options in LEVELS.items():
