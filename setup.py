@@ -77,7 +77,9 @@ class BuildKernels(build_ext):  # type: ignore[misc]
         if shutil.which(compiler[0]) is None:
             must = f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++'
             raise SystemExit(must)
-        given = [one for name in ('CPPFLAGS', 'CXXFLAGS') for one in os.environ.get(name, '').split()]
+        given = [
+            one for name in ('CPPFLAGS', 'CXXFLAGS') for one in os.environ.get(name, '').split()
+        ]
         command = [*compiler, *given, *FLAGS, *find_headers()]
         jobs = []
         # Files of lower levels come first, for the linker: see core/kernels/levels.hpp.

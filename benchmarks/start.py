@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts of the node with clouds at 10 Hz, from an empty and from a complete cache.
+"""Starts of the node with clouds at 10 Hz, the first one without `__pycache__`.
 
     python benchmarks/start.py [--chain CHAIN] [--then CHAIN] [--package FOLDER] [--write]
                                [NAME:=VALUE ...]
 
 The node is a process of its own, over the real middleware, and is set to another chain. Printed are
 seconds since that process began, or since the parameter was set, and what became of the clouds.
-``--write`` puts the rows of both caches into the table in doc/results.
+``--write`` puts the rows into the table in doc/results.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
+import shutil
 import sys
 import tempfile
 import time
@@ -26,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 from helpers.live import environment  # noqa: E402
-from helpers.watching import Watch, fresh_copy  # noqa: E402
+from helpers.watching import Watch  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 
@@ -45,13 +47,12 @@ def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) 
     with Watch(env, arguments) as watch:
         subscribed = watch.serve(lambda: watch.sent > 0)
         diagnosed = watch.serve(lambda: bool(watch.samples))
-        filtered = watch.serve(lambda: bool(watch.samples) and watch.samples[-1].filtered > 0)
+        watch.serve(lambda: bool(watch.samples) and watch.samples[-1].filtered > 0)
         watch.serve(lambda: False, AFTERWARDS)
-        first = min(watch.published, default=0.0)
+        filtered = min(watch.published)
         print(
-            f'{title}: subscribed after {subscribed - watch.began:.1f} s, diagnostics '
-            f'{diagnosed - watch.began:.1f} s, first output {first - watch.began:.1f} s, '
-            f'filtered by {filtered - watch.began:.1f} s (to the second)'
+            f'{title}: subscribed after {subscribed - watch.began:.2f} s, diagnostics '
+            f'{diagnosed - watch.began:.2f} s, first cloud filtered {filtered - watch.began:.2f} s'
         )
         _switch(watch, other)
         found = watch.settle()
@@ -61,7 +62,7 @@ def start(title: str, env: Mapping[str, str], arguments: list[str], other: str) 
         )
         watch.stop()
         print(watch.log())
-    return [f'{at - watch.began:.1f}' for at in (subscribed, diagnosed, filtered)]
+    return [f'{at - watch.began:.2f}' for at in (subscribed, diagnosed, filtered)]
 
 
 def _switch(watch: Watch, chain: str) -> None:
@@ -95,12 +96,16 @@ def main() -> None:
     parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        env = {**environment(), **fresh_copy(Path(folder), source=options.package)}
-        for cache in ('empty', 'complete'):
+        for name in ('lidar_outlier_filter', 'lidar_outlier_lab'):
+            ignored = shutil.ignore_patterns('__pycache__')
+            shutil.copytree(options.package / name, Path(folder, name), ignore=ignored)
+        paths = [folder, *filter(None, [os.environ.get('PYTHONPATH')])]
+        env = {**environment(), 'PYTHONPATH': os.pathsep.join(paths)}
+        for title in ('first, without `__pycache__`', 'second', 'third'):
             arguments = [f'chain:=[{options.chain}]', *options.settings]
-            times = start(f'{cache} cache', env, arguments, options.then)
+            times = start(title, env, arguments, options.then)
             if options.write:
-                write_row(PAGE, 'starts', [cache, *times], 'benchmarks/start.py --write')
+                write_row(PAGE, 'starts', [title, *times], 'benchmarks/start.py --write')
 
 
 if __name__ == '__main__':
