@@ -5,7 +5,7 @@
 The metadata live here and not in a [project] table, because colcon reads them here.
 """
 
-import importlib
+import importlib.util
 import os
 import platform
 import shutil
@@ -50,6 +50,18 @@ def kernel_sources(package: str) -> list[str]:
     return sorted(str(path) for path in found if 'results' not in path.parts)
 
 
+def find_compiler() -> list[str]:
+    """Return the command of a C++ compiler: CXX, Python's own, a usual one, or ziglang of PyPI."""
+    given = os.environ.get('CXX') or sysconfig.get_config_var('CXX') or ''
+    for command in (given.split(), ['c++'], ['g++'], ['clang++']):
+        if command and shutil.which(command[0]):
+            return command
+    if importlib.util.find_spec('ziglang'):
+        # Otherwise it compiles for the processor of this machine alone.
+        return [sys.executable, '-m', 'ziglang', 'c++', '-mcpu=baseline']
+    raise SystemExit('a C++ compiler must be installed, got none: apt install g++')
+
+
 def find_headers() -> list[str]:
     """Return the options that let a compiler find Python's, and pybind11's, which Debian has."""
     folders = [sysconfig.get_path('include')]
@@ -73,10 +85,7 @@ class BuildKernels(build_ext):  # type: ignore[misc]
 
     def build_extension(self, ext: Extension) -> None:
         """Compile an extension module, files of fast loops once for each level, and link it."""
-        compiler = (os.environ.get('CXX') or sysconfig.get_config_var('CXX') or 'c++').split()
-        if shutil.which(compiler[0]) is None:
-            must = f'a C++ compiler must be installed, got no {compiler[0]}: apt install g++'
-            raise SystemExit(must)
+        compiler = find_compiler()
         given = [
             one for name in ('CPPFLAGS', 'CXXFLAGS') for one in os.environ.get(name, '').split()
         ]

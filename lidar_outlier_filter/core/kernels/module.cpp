@@ -6,6 +6,10 @@
 // One file for all rooms, because each that includes pybind11 takes seven seconds to compile. Its
 // stub is ../_kernels.pyi. Functions let go of the GIL, and check what they use as addresses.
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 #include <stdexcept>
 #include <string>
 
@@ -33,15 +37,21 @@ namespace lidar {
 
 int level = count_levels() - 1;
 
+// What the processor and the system support, by CPUID: not all compilers' libraries can tell.
 int count_levels() {
 #if defined(__x86_64__)
-    __builtin_cpu_init();
-    if (!__builtin_cpu_supports("avx2")) {
+    unsigned a = 0, b = 0, c = 0, d = 0;
+    const unsigned OS_SAVES = bit_OSXSAVE | bit_AVX;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & OS_SAVES) != OS_SAVES) {
         return 1;
     }
-    const bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-    return wide ? 3 : 2;
+    unsigned saved = 0, high = 0;  // the registers that the system saves (XCR0)
+    __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || (saved & 0x6U) != 0x6U || !(b & bit_AVX2)) {
+        return 1;
+    }
+    const unsigned WIDE = bit_AVX512F | bit_AVX512VL | bit_AVX512DQ | bit_AVX512BW;
+    return (saved & 0xE6U) == 0xE6U && (b & WIDE) == WIDE ? 3 : 2;
 #else
     return 1;
 #endif
