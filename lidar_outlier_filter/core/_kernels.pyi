@@ -7,6 +7,7 @@
 # TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------
 
@@ -18,6 +19,8 @@ def median(values: Floats, count: int) -> float: ...
 # core/neighbours ----------------------------------------------------------------------------------
 
 def numbers(xyz: Floats) -> Ints: ...
+def tree_height(tree: Tree) -> int: ...
+def tree_leaves(tree: Tree) -> Ints: ...
 
 # core/points, core/verdict, pipeline/visibility ---------------------------------------------------
 

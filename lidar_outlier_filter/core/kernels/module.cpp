@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
 #include "../neighbours/tree.hpp"
 #include "../scan_pattern/pattern.hpp"
@@ -30,6 +31,11 @@ struct type_caster<lidar::Tree>
     : lidar::struct_caster<lidar::Tree, lidar::View<const double, 2>, lidar::View<const double, 2>,
                            lidar::View<const lidar::Index>, lidar::View<const lidar::Index>,
                            lidar::View<const lidar::Index>> {};
+
+template <>
+struct type_caster<lidar::Floor>
+    : lidar::struct_caster<lidar::Floor, double, lidar::View<const double>, double,
+                           lidar::View<const lidar::Index>, lidar::View<const double, 2>> {};
 
 }  // namespace pybind11::detail
 
@@ -104,6 +110,8 @@ void bind_kernels(py::module_& m) {
 
 void bind_neighbours(py::module_& m) {
     m.def("numbers", &numbers, arg("xyz"), WithoutGil());
+    m.def("tree_height", &tree_height, arg("tree"), WithoutGil());
+    m.def("tree_leaves", &tree_leaves, arg("tree"), WithoutGil());
 }
 
 // core/points, core/verdict, pipeline/visibility ----------------------------------------------

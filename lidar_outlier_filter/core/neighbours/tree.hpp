@@ -28,6 +28,13 @@ struct Box {  // may be a point
 // Refuses a tree that is none over so many points: walks take its numbers as addresses.
 void check_tree(const Tree& tree, Index points);
 
+// Returns how many levels a tree has. A walk that puts both children of a node on its stack needs
+// room for one more.
+Index tree_height(const Tree& tree);
+
+// Returns the leaves in the order of their points.
+Owned<Index> tree_leaves(const Tree& tree);
+
 namespace LEVEL {
 
 inline constexpr Index LEAF = 24;  // points, as in tree_build.py

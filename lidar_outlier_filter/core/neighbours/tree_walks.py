@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, noalias_kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF, Tree
@@ -18,6 +19,8 @@ from lidar_outlier_filter.core.neighbours.tree_build import LEAF, Tree
 Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner
 
 HELD, HELD_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
+
+height, leaves = _kernels.tree_height, _kernels.tree_leaves
 
 
 class Buffers(NamedTuple):
@@ -62,36 +65,6 @@ def make_buffers(k: int, levels: int) -> Buffers:
         *(floats[0], floats[1], floats[2], ints[0], floats[3], floats[4], ints[1]),
         *(floats[5], ints[2], np.empty(levels + 1, np.int64), np.empty(levels + 1)),
     )
-
-
-@kernel
-def height(tree: Tree) -> int:
-    """Count the levels of a tree."""
-    level = np.empty(len(tree.child), np.int64)
-    most = level[0] = 1
-    for node in range(len(level)):
-        child = tree.child[node]
-        most = max(most, level[node])
-        if child >= 0:
-            level[child] = level[child + 1] = level[node] + 1
-    return most
-
-
-@kernel
-def leaves(tree: Tree) -> Ints:
-    """List the leaves in the order of their points."""
-    found, stack = np.empty(len(tree.child), np.int64), np.empty(len(tree.child), np.int64)
-    count, stack[0], waiting = 0, 0, 1
-    while waiting > 0:
-        node = stack[waiting - 1]
-        child = tree.child[node]
-        if child >= 0:
-            stack[waiting - 1], stack[waiting] = child + 1, child
-            waiting += 1
-        else:
-            found[count] = node
-            count, waiting = count + 1, waiting - 1
-    return found[:count].copy()
 
 
 @noalias_kernel

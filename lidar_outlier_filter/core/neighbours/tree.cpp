@@ -1,0 +1,64 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// What is asked of a whole tree.
+
+#include "tree.hpp"
+
+namespace lidar {
+
+// Children come after their parents and share out their points, none of them empty: so each node is
+// reached once, and walks end. A tree without any points is one empty leaf.
+void check_tree(const Tree& tree, Index points) {
+    const Index nodes = tree.child.size();
+    check(nodes > 0 && tree.first.size() == nodes && tree.last.size() == nodes &&
+              tree.low.shape == std::array<Index, 2>{nodes, 3} &&
+              tree.high.shape == std::array<Index, 2>{nodes, 3},
+          "a tree must have as many of everything as it has nodes");
+    bool is_one = tree.first[0] == 0 && tree.last[0] == points;
+    for (Index node = 0; node < nodes && is_one; ++node) {
+        const Index child = tree.child[node];
+        if (child >= 0) {
+            is_one = child > node && child < nodes - 1;
+            is_one = is_one && tree.first[child] == tree.first[node] &&
+                     tree.first[child] < tree.last[child] &&
+                     tree.last[child] == tree.first[child + 1] &&
+                     tree.first[child + 1] < tree.last[child + 1] &&
+                     tree.last[child + 1] == tree.last[node];
+        }
+    }
+    check(is_one, "the nodes must be those of a tree over all points");
+}
+
+Index tree_height(const Tree& tree) {
+    check_tree(tree, tree.last.size() > 0 ? tree.last[0] : 0);
+    std::vector<Index> level(static_cast<std::size_t>(tree.child.size()), 1);
+    Index most = 1;
+    for (Index node = 0; node < tree.child.size(); ++node) {
+        const Index own = level[static_cast<std::size_t>(node)], child = tree.child[node];
+        most = std::max(most, own);
+        if (child >= 0) {
+            level[static_cast<std::size_t>(child)] = own + 1;
+            level[static_cast<std::size_t>(child + 1)] = own + 1;
+        }
+    }
+    return most;
+}
+
+Owned<Index> tree_leaves(const Tree& tree) {
+    check_tree(tree, tree.last.size() > 0 ? tree.last[0] : 0);
+    std::vector<Index> found, stack{0};
+    while (!stack.empty()) {
+        const Index node = stack.back(), child = tree.child[node];
+        stack.pop_back();
+        if (child >= 0) {
+            stack.push_back(child + 1);
+            stack.push_back(child);
+        } else {
+            found.push_back(node);
+        }
+    }
+    return Owned<Index>(std::move(found));
+}
+
+}  // namespace lidar
