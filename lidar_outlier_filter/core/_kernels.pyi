@@ -6,7 +6,7 @@
 # Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
 # TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------
@@ -15,6 +15,11 @@ def levels() -> tuple[str, ...]: ...
 def set_level(name: str) -> None: ...
 def select(values: Floats, count: int, rank: int) -> float: ...
 def median(values: Floats, count: int) -> float: ...
+
+LANES: int  # points side by side, and columns of what follows
+
+def sort_lanes(values: Floats, first: int, last: int) -> None: ...
+def next_batch(points: Ints, selected: Bools, begin: int, end: int) -> tuple[int, int]: ...
 
 # core/neighbours ----------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@
 #include "../neighbours/tree.hpp"
 #include "../scan_pattern/pattern.hpp"
 #include "array_caster.hpp"
+#include "lanes.hpp"
 #include "levels.hpp"
 #include "select.hpp"
 
@@ -104,6 +105,27 @@ void bind_kernels(py::module_& m) {
             return base::median(values.data, count);
         },
         arg("values"), arg("count"), WithoutGil());
+    m.attr("LANES") = base::LANES;
+    m.def(
+        "sort_lanes",
+        [](View<double, 2> values, Index first, Index last) {
+            const Index count = values.size();
+            check(count <= base::MAX_SORTED && values.shape[1] == base::LANES, "(N, LANES) values");
+            check_range(first, last, count);
+            const auto network = base::make_network(
+                static_cast<int>(count), static_cast<int>(first), static_cast<int>(last));
+            base::sort(reinterpret_cast<double(*)[base::LANES]>(values.data), network);
+        },
+        arg("values"), arg("first"), arg("last"), WithoutGil());
+    m.def(
+        "next_batch",
+        [](View<Index> points, View<const bool> selected, Index begin, Index end) {
+            check_range(begin, end, selected.size());
+            const auto batch =
+                base::next_batch(points.data, points.size(), selected.data, begin, end);
+            return std::pair(batch.count, batch.next);
+        },
+        arg("points"), arg("selected"), arg("begin"), arg("end"), WithoutGil());
 }
 
 // core/neighbours -----------------------------------------------------------------------------

@@ -23,9 +23,12 @@ inline constexpr int WIDTH = 8;
 #else
 inline constexpr int WIDTH = 4;
 #endif
+inline constexpr int DOUBLES = WIDTH / 2;
 
 typedef float Singles __attribute__((vector_size(WIDTH * 4)));
 typedef std::int32_t Counts __attribute__((vector_size(WIDTH * 4)));  // and masks: 0 or -1
+typedef double Doubles __attribute__((vector_size(WIDTH * 4)));
+typedef std::int64_t Wides __attribute__((vector_size(WIDTH * 4)));  // masks of doubles: 0 or -1
 
 [[gnu::always_inline]] inline Singles load(const float* from) {
     Singles result;
@@ -64,6 +67,42 @@ typedef std::int32_t Counts __attribute__((vector_size(WIDTH * 4)));  // and mas
     }
     return values;
 }
+
+[[gnu::always_inline]] inline Doubles load(const double* from) {
+    Doubles result;
+    std::memcpy(&result, from, sizeof result);
+    return result;
+}
+[[gnu::always_inline]] inline void store(double* to, Doubles values) {
+    std::memcpy(to, &values, sizeof values);
+}
+[[gnu::always_inline]] inline void store(float* to, Doubles values) {  // rounded
+    typedef float Halves __attribute__((vector_size(DOUBLES * 4)));
+    const Halves rounded = __builtin_convertvector(values, Halves);
+    std::memcpy(to, &rounded, sizeof rounded);
+}
+[[gnu::always_inline]] inline Doubles repeat(double value) {
+    return Doubles{} + value;
+}
+[[gnu::always_inline]] inline Doubles choose(Wides mask, Doubles one, Doubles other) {
+    return mask ? one : other;
+}
+[[gnu::always_inline]] inline Doubles least(Doubles one, Doubles other) {
+    return other < one ? other : one;
+}
+[[gnu::always_inline]] inline Doubles most(Doubles one, Doubles other) {
+    return other > one ? other : one;
+}
+[[gnu::always_inline]] inline Doubles size_of(Doubles values) {
+    return reinterpret_cast<Doubles>(reinterpret_cast<Wides>(values) & 0x7FFFFFFFFFFFFFFF);
+}
+[[gnu::always_inline]] inline Doubles root(Doubles values) {
+    for (int i = 0; i < DOUBLES; ++i) {
+        values[i] = std::sqrt(values[i]);
+    }
+    return values;
+}
+
 [[gnu::always_inline]] inline Singles single(Counts counts) {
     return __builtin_convertvector(counts, Singles);
 }

@@ -6,29 +6,30 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from lidar_outlier_filter.core.kernels import lanes
+from lidar_outlier_filter.core import _kernels
 
 
-@pytest.mark.parametrize('count', [1, 8, 20, 60])
+@pytest.mark.parametrize('count', [0, 1, 8, 20, 60, 64])
 def test_sorts_values_of_any_sign(count: int) -> None:
     """Numbers below 0, 0, ties and infinite ones."""
     rng = np.random.default_rng(count)
-    values = rng.choice([-np.inf, -2.5, -0.0, 0.0, 1.5, 1e300, np.inf], (count, lanes.LANES))
+    values = rng.choice([-np.inf, -2.5, -0.0, 0.0, 1.5, 1e300, np.inf], (count, _kernels.LANES))
     expected = np.sort(values, axis=0)
-    lanes.sort_signed(values, lanes.network(count, range(count)))
-    np.testing.assert_array_equal(values, expected)
+    _kernels.sort_lanes(values, 0, count)
+    assert_array_equal(values, expected)
 
 
 @pytest.mark.parametrize('count', [2, 5, 12])
 def test_networks_sort_all_zeros_and_ones(count: int) -> None:
     """What sorts these sorts everything (Knuth 5.3.4, theorem Z)."""
-    lane = np.arange(2**count)
-    values = (lane >> np.arange(count)[:, None] & 1).astype(np.float64)
-    expected = np.sort(values, axis=0)
-    for selected in (range(count), range(1, 2), range(count // 2 - 1, count // 2 + 1)):
-        result = values.copy()
-        lanes.sort(result, lanes.network(count, selected))
-        assert_array_equal(result[selected], expected[selected])
+    for begin in range(0, 2**count, _kernels.LANES):
+        lane = np.arange(begin, begin + _kernels.LANES)
+        values = (lane >> np.arange(count)[:, None] & 1).astype(np.float64)
+        expected = np.sort(values, axis=0)
+        for first, last in ((0, count), (1, 2), (count // 2 - 1, count // 2 + 1)):
+            result = values.copy()
+            _kernels.sort_lanes(result, first, last)
+            assert_array_equal(result[first:last], expected[first:last])
 
 
 @pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
@@ -39,7 +40,27 @@ def test_fills_lanes_with_requested_points(share: float, size: int) -> None:
     begin, end, seen = 3, 141, []
     points = np.empty(size, np.int64)
     while begin < end:
-        count, begin = lanes.next_batch(points, selected, begin, end)
+        count, begin = _kernels.next_batch(points, selected, begin, end)
         seen += points[:count].tolist()
         assert_array_equal(points[count:], seen[-1:] * (size - count) if count else points)
     assert seen == [i for i in range(3, 141) if selected[i]]
+
+
+def test_refuses_what_does_not_fit() -> None:
+    """Nothing is sorted or read beyond an array."""
+    values, points, selected = (
+        np.zeros((4, _kernels.LANES)),
+        np.zeros(4, np.int64),
+        np.ones(9, bool),
+    )
+    for wrong in (values.astype(np.float32), values[:, ::2], values[0]):
+        with pytest.raises(TypeError, match='array of float64'):
+            _kernels.sort_lanes(wrong, 0, 1)
+    for rows, first, last in ((values, 0, 5), (values, -1, 2), (np.zeros((4, 8)), 0, 4)):
+        with pytest.raises(ValueError, match=r'array|LANES'):
+            _kernels.sort_lanes(rows, first, last)
+    with pytest.raises(ValueError, match='LANES'):
+        _kernels.sort_lanes(np.zeros((65, _kernels.LANES)), 0, 65)
+    for begin, end in ((0, 10), (-1, 4), (5, 4)):
+        with pytest.raises(ValueError, match='begin and end'):
+            _kernels.next_batch(points, selected, begin, end)
