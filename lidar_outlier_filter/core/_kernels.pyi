@@ -7,6 +7,12 @@
 # TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
+TypeError: an array of another kind. ValueError: arrays that do not fit together.
+"""
+
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints
+from lidar_outlier_filter.core.detectors.quadric.detector import Rules
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------
@@ -36,6 +42,34 @@ def tree_leaves(tree: Tree) -> Ints: ...
 # core/detectors/alpha_beta_gamma ------------------------------------------------------------------
 
 # core/detectors/quadric ---------------------------------------------------------------------------
+
+SURFACE_POINTS: int  # of a surface, at least
+
+def sort_leaves(xyz: Floats, tree: Tree, these: Ints, place: Ints) -> None: ...
+def share_scores(xyz: Floats, score: Floats) -> None: ...
+def find_cores(tree: Tree, most: int) -> Ints: ...
+def find_window(xyz: Floats, tree: Tree, core: int, section: int) -> Ints: ...
+def judge_window(xyz: Floats, variance: Floats, rules: Rules) -> Floats: ...
+def judge_sections(
+    xyz: Floats,
+    variance: Floats,
+    tree: Tree,
+    cores: Ints,
+    section: int,
+    rules: Rules,
+    score: Floats,
+) -> tuple[Ints, Floats]: ...
+def judge_patches(
+    xyz: Floats,
+    variance: Floats,
+    nearest: Index,
+    place: Ints,
+    rank: Ints,
+    begin: int,
+    end: int,
+    rules: Rules,
+    score: Floats,
+) -> None: ...
 
 # core/detectors/boosted_trees: neighbours ---------------------------------------------------------
 

@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "../detectors/quadric/quadric.hpp"
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
 #include "../neighbours/tree.hpp"
@@ -37,6 +38,11 @@ template <>
 struct type_caster<lidar::Floor>
     : lidar::struct_caster<lidar::Floor, double, lidar::View<const double>, double,
                            lidar::View<const lidar::Index>, lidar::View<const double, 2>> {};
+
+template <>
+struct type_caster<lidar::Rules>
+    : lidar::struct_caster<lidar::Rules, lidar::View<const double>, lidar::View<const double>,
+                           double, lidar::Index, bool> {};
 
 }  // namespace pybind11::detail
 
@@ -163,7 +169,20 @@ void bind_alpha_beta_gamma(py::module_& m) {
 // core/detectors/quadric ----------------------------------------------------------------------
 
 void bind_quadric(py::module_& m) {
-    (void)m;
+    m.attr("SURFACE_POINTS") = MIN_POINTS;
+    m.def("sort_leaves", &sort_leaves, arg("xyz"), arg("tree"), arg("these"), arg("place"),
+          WithoutGil());
+    m.def("share_scores", &share_scores, arg("xyz"), arg("score"), WithoutGil());
+    m.def("find_cores", &find_cores, arg("tree"), arg("most"), WithoutGil());
+    m.def("find_window", &find_window, arg("xyz"), arg("tree"), arg("core"), arg("section"),
+          WithoutGil());
+    m.def("judge_window", AT_LEVEL(judge_window), arg("xyz"), arg("variance"), arg("rules"),
+          WithoutGil());
+    m.def("judge_sections", AT_LEVEL(judge_sections), arg("xyz"), arg("variance"), arg("tree"),
+          arg("cores"), arg("section"), arg("rules"), arg("score"), WithoutGil());
+    m.def("judge_patches", AT_LEVEL(judge_patches), arg("xyz"), arg("variance"), arg("nearest"),
+          arg("place"), arg("rank"), arg("begin"), arg("end"), arg("rules"), arg("score"),
+          WithoutGil());
 }
 
 // core/detectors/boosted_trees: neighbours ----------------------------------------------------

@@ -9,22 +9,18 @@ import numpy as np
 import pytest
 from helpers.shapes import CLOUDS, UTM, Rng, rotation
 from naive import quadric as naive
-from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.quadric.fits import empty_window
-from lidar_outlier_filter.core.detectors.quadric.surfaces import MIN_POINTS, judge
-from lidar_outlier_filter.core.kernels.vectors import ROW, add_row
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import height
 
 Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each
 Shape = Callable[[Rng, int], Surface]
 
-pytestmark = pytest.mark.slow  # the kernels compile for a minute
+pytestmark = pytest.mark.slow  # the twin takes a minute
 
 PAPER: dict[str, Any] = {'model': 'always', 'significance': 0.001}
 
@@ -37,13 +33,8 @@ def detect(xyz: Floats, **changed: Any) -> Floats:
 
 def judge_window(xyz: Floats, variance: Floats | None = None, **changed: Any) -> Floats:
     """Score the points of one window."""
-    rules = quadric._rules(Quadric(**changed))
-    window = empty_window(len(xyz))
-    window.xyz[:] = xyz.T
-    if variance is not None:
-        window.variance[:] = variance
-    judge(window, len(xyz), rules)
-    return window.score.copy()
+    weights = np.ones(len(xyz)) if variance is None else variance
+    return _kernels.judge_window(xyz, weights, quadric._rules(Quadric(**changed)))
 
 
 def rules(parameters: Quadric) -> naive.Rules:
@@ -51,7 +42,7 @@ def rules(parameters: Quadric) -> naive.Rules:
     return naive.Rules(
         parameters.significance,
         parameters.sigma_floor,
-        MIN_POINTS,
+        _kernels.SURFACE_POINTS,
         1 if parameters.model == 'always' else parameters.surfaces,
         parameters.model == 'always',
     )
@@ -157,22 +148,6 @@ def sample(
 def _unit(vectors: Floats) -> Floats:
     unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit
-
-
-# Rows ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('size', [1, 4, 5, 8, 9, 12])
-def test_rows_are_added_as_in_the_loop(size: int) -> None:
-    """Vectors of the processor give every element the same bits; the others stay."""
-    rng = np.random.default_rng(size)
-    source, target = rng.normal(size=(2, 5, ROW))
-    source[3, :4] = np.nan, np.inf, -0.0, 5e-324
-    expected = target.copy()
-    add_row(expected, 2, 0.3, source, 3, size)
-    # numba compiles no overloaded function itself
-    njit(lambda *given: add_row(*given))(target, 2, 0.3, source, 3, size)  # noqa: PLW0108
-    assert_array_equal(target.view(np.int64), expected.view(np.int64))
 
 
 # The twin -----------------------------------------------------------------------------------------
@@ -284,19 +259,32 @@ def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> N
     xyz = np.vstack([street(rng), rng.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
     neighbourhood = Neighbourhood(xyz, 1)
     tree = neighbourhood.tree
-    cores = quadric.find_cores(tree, section)
-    found, stack = np.empty(len(xyz) + 1, np.int64), np.empty(height(tree) + 1, np.int64)
+    cores = _kernels.find_cores(tree, section)
     thinned = 0
     for core in cores:
         first, last = int(tree.first[core]), int(tree.last[core])
-        room = found[: last - first + quadric.RIM * section + 1]
-        n = quadric.find_window(neighbourhood.xyz, tree, core, section, room, stack)
-        expected = naive.section_window(neighbourhood.xyz, first, last, section)
-        assert found[:n].tolist() == expected
+        found = _kernels.find_window(neighbourhood.xyz, tree, core, section).tolist()
+        assert found == naive.section_window(neighbourhood.xyz, first, last, section)
         with monkeypatch.context() as patch:
             patch.setattr(naive, 'RIM', len(xyz))
-            thinned += n < len(naive.section_window(neighbourhood.xyz, first, last, section))
+            thinned += len(found) < len(
+                naive.section_window(neighbourhood.xyz, first, last, section)
+            )
     assert thinned > 0
+
+
+@pytest.mark.parametrize('level', _kernels.levels())
+def test_levels_give_the_same_bits(level: str) -> None:
+    """Whatever the width of the registers: sections and patches, all models."""
+    xyz = street(np.random.default_rng(12))
+    forms: tuple[dict[str, Any], ...] = ({'section': 16}, {'window': 'patch'}, PAPER)
+    expected = [detect(xyz, **form) for form in forms]
+    try:
+        _kernels.set_level(level)
+        got = [detect(xyz, **form) for form in forms]
+    finally:
+        _kernels.set_level(_kernels.levels()[-1])
+    assert_array_equal(np.array(got).view(np.int64), np.array(expected).view(np.int64))
 
 
 # What it promises ---------------------------------------------------------------------------------
@@ -401,3 +389,49 @@ def test_foot_of_a_wall_is_acquitted() -> None:
     )
     xyz = np.vstack([floor, wall])
     assert not (detect(xyz) > 1).any()
+
+
+# The door -----------------------------------------------------------------------------------------
+
+
+def refuse(name: str, *given: Any, error: type[Exception] = ValueError) -> None:
+    """Call a kernel that must refuse its arguments."""
+    with pytest.raises(error):
+        getattr(_kernels, name)(*given)
+
+
+def test_kernels_refuse_what_does_not_fit() -> None:
+    """Arrays of another type or length, and numbers of points and nodes that there are not."""
+    xyz = street(np.random.default_rng(3))
+    hood, n = Neighbourhood(xyz, 5), len(xyz)
+    tree, nearest = hood.tree, hood.nearest(5).index
+    ones, score, place, these = np.ones(n), np.empty(n), np.arange(n), np.array([0])
+    rules = quadric._rules(Quadric())
+    empty = rules._replace(critical=np.empty(0))
+    outside = (np.array([-1]), np.array([len(tree.child)]))
+    torn = tree._replace(last=tree.last + 1)
+    for wrong in (xyz.astype(np.float32), xyz[:, 0], np.asfortranarray(xyz), xyz.tolist()):
+        refuse('share_scores', wrong, score, error=TypeError)
+        refuse('judge_window', wrong, ones, rules, error=TypeError)
+        refuse('judge_sections', wrong, ones, tree, these, 16, rules, score, error=TypeError)
+    for short in (xyz[:-1], xyz[:, :2].copy()):
+        refuse('share_scores', short, score)
+        refuse('sort_leaves', short, tree, these, place)
+        refuse('find_window', short, tree, 0, 16)
+        refuse('judge_window', short, ones, rules)
+        refuse('judge_sections', short, ones, tree, these, 16, rules, score)
+        refuse('judge_patches', short, ones, nearest, place, place, 0, n, rules, score)
+    for nodes in outside:
+        refuse('sort_leaves', xyz, tree, nodes, place)
+        refuse('find_window', xyz, tree, nodes[0], 16)
+        refuse('judge_sections', xyz, ones, tree, nodes, 16, rules, score)
+    for given in ((tree, these, 0, rules), (tree, these, 16, empty), (torn, these, 16, rules)):
+        refuse('judge_sections', xyz, ones, *given, score)
+    refuse('find_cores', tree._replace(child=tree.child + len(tree.child)), 16)
+    for begin, end in ((-1, n), (0, n + 1), (5, 4)):
+        refuse('judge_patches', xyz, ones, nearest, place, place, begin, end, rules, score)
+    for numbers in (place - n, place + n):
+        refuse('judge_patches', xyz, ones, nearest, numbers, place, 0, n, rules, score)
+        refuse('judge_patches', xyz, ones, nearest, place, numbers, 0, n, rules, score)
+    for lists in (nearest - n, nearest + n):
+        refuse('judge_patches', xyz, ones, lists, place, place, 0, n, rules, score)

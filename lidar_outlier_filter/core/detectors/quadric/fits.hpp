@@ -1,0 +1,40 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// Fits to windows of points, and what is measured against them.
+#pragma once
+
+#include "window.hpp"
+
+namespace lidar {
+namespace LEVEL {
+
+struct Squares {  // sums of the squares of the residuals over σ²; NaN: parameters are ambiguous
+    double before, after;
+};
+
+// Planes; the points are those from begin to end.
+void fit_plane(Window& window, const Points& points, Index begin, Index end);
+bool is_plane(const Window& window, double floor);
+bool adjust_plane(Window& window, double floor);
+void measure_heights(const Plane& plane, const Points& points, Index begin, Index end,
+                     double* heights);
+
+// Paraboloids and quadrics; SIZE is one of PARABOLOID and QUADRIC.
+void fill_rows(Window& window);
+void weigh(Window& window);
+template <int SIZE>
+void sum_normal(Window& window);
+template <int SIZE>
+Squares step(Window& window);
+template <int SIZE>
+void normalize(Window& window);
+template <int SIZE>
+void measure_residuals(Window& window);
+template <int SIZE>
+void measure_distances(Window& window);
+template <int SIZE>
+bool adjust(Window& window);
+
+}  // namespace LEVEL
+}  // namespace lidar

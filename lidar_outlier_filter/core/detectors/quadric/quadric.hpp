@@ -1,0 +1,47 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// What Python calls of this room.
+#pragma once
+
+#include <utility>
+
+#include "../../kernels/array_view.hpp"
+#include "../../kernels/levels.hpp"
+#include "../../neighbours/tree.hpp"
+
+namespace lidar {
+
+// Rules of the judgement.
+struct Rules {
+    View<const double> critical;  // two-sided quantile of t by freedom; the last for all beyond
+    View<const double> ratio;     // the same of F for three more parameters, by the larger model's
+    double floor;                 // least standard deviation of a residual, metres
+    Index surfaces;               // at most
+    // Nothing but a quadric is fitted, to all points, ambiguous or not, and every window is
+    // decided; else a surface begins with the points nearest to a plane.
+    bool always;
+};
+
+inline constexpr Index MIN_POINTS = 12;  // of a surface
+
+// RIM times the points of the largest core: the most on a rim; of more every so-manieth counts.
+inline constexpr Index RIM = 3;
+
+void sort_leaves(View<const double, 2> xyz, const Tree& tree, View<const Index> these,
+                 View<Index> place);
+void share_scores(View<const double, 2> xyz, View<double> score);
+Owned<Index> find_cores(const Tree& tree, Index most);
+Owned<Index> find_window(View<const double, 2> xyz, const Tree& tree, Index core, Index section);
+
+FOR_EACH_LEVEL(Owned<double> judge_window(View<const double, 2> xyz, View<const double> variance,
+                                          Rules rules);
+               std::pair<Owned<Index>, Owned<double>> judge_sections(
+                   View<const double, 2> xyz, View<const double> variance, const Tree& tree,
+                   View<const Index> cores, Index section, Rules rules, View<double> score);
+               void judge_patches(View<const double, 2> xyz, View<const double> variance,
+                                  View<const std::int32_t, 2> nearest, View<const Index> place,
+                                  View<const Index> rank, Index begin, Index end, Rules rules,
+                                  View<double> score);)
+
+}  // namespace lidar

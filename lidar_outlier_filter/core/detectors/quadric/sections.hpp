@@ -1,0 +1,116 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// The windows of sections: a core and a rim. Textbook twin: section_window() in
+// test/naive/quadric.py.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "quadric.hpp"
+
+namespace lidar {
+namespace LEVEL {
+
+inline constexpr double MARGIN = 0.25;  // of a core's largest extent: how far the rim reaches
+inline constexpr double ENOUGH = 1.5;   // times the points of the core: what a window has at least
+// Of the largest extent of the cloud: the margin around a single place.
+inline constexpr double SMALLEST = 1.0 / (1 << 20);
+
+inline void check_section(Index section) {
+    check(1 <= section && section <= 1 << 30, "a section must be of at least one point");
+}
+
+// Room for the search of one thread.
+struct SectionRoom {
+    std::vector<Index> found;  // the points of the window, and one more place
+    std::vector<Index> stack;  // nodes to visit
+
+    SectionRoom(const Tree& tree, View<const Index> cores, Index section) : stack(2) {
+        Index most = 0;
+        for (Index i = 0; i < cores.size(); ++i) {
+            most = std::max(most, tree.last[cores[i]] - tree.first[cores[i]]);
+        }
+        const Index points = tree.last[0];
+        found.resize(static_cast<std::size_t>(std::min(most + RIM * section, points) + 1));
+    }
+};
+
+// Visits the points in the box of the core grown by a margin, faces included, in tree order.
+//
+// All points of the core, and of the others every `stride`-th, are found while there is room;
+// returns their number.
+inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, double margin,
+                   Index stride, SectionRoom& room) {
+    Box box;
+    for (int axis = 0; axis < 3; ++axis) {
+        box.low[axis] = tree.low(core, axis) - margin;
+        box.high[axis] = tree.high(core, axis) + margin;
+    }
+    const Index begin = tree.first[core], end = tree.last[core];
+    const auto places = static_cast<Index>(room.found.size());
+    Index count = 0, rim = 0;
+    std::size_t waiting = 1;
+    Index* found = room.found.data();
+    room.stack[0] = 0;
+    while (waiting > 0) {
+        const Index node = room.stack[--waiting], child = tree.child[node];
+        if (gap(tree, node, box) > 0) {
+            continue;
+        }
+        if (child >= 0) {
+            if (waiting + 2 > room.stack.size()) {
+                room.stack.resize(2 * room.stack.size());
+            }
+            room.stack[waiting++] = child + 1;
+            room.stack[waiting++] = child;
+            continue;
+        }
+        for (Index i = tree.first[node]; i < tree.last[node]; ++i) {
+            // Without a branch, which a processor could not predict.
+            const double* p = xyz.row(i);
+            const bool inside = (box.low[0] <= p[0]) & (p[0] <= box.high[0]) &
+                                (box.low[1] <= p[1]) & (p[1] <= box.high[1]) &
+                                (box.low[2] <= p[2]) & (p[2] <= box.high[2]);
+            const bool outer = (i < begin) | (i >= end);
+            rim += inside & outer ? 1 : 0;
+            const bool skipped = stride > 1 && outer && (rim - 1) % stride > 0;
+            found[std::min(count, places - 1)] = i;
+            count += inside & !skipped ? 1 : 0;
+        }
+    }
+    return count;
+}
+
+// Finds the points of a core's window, in tree order; returns their number.
+inline Index find_points(View<const double, 2> xyz, const Tree& tree, Index core, Index section,
+                         SectionRoom& room) {
+    const Index size = tree.last[core] - tree.first[core];
+    const auto extent_of = [&](Index node) {
+        double extent = -std::numeric_limits<double>::infinity();
+        for (int axis = 0; axis < 3; ++axis) {
+            extent = std::max(extent, tree.high(node, axis) - tree.low(node, axis));
+        }
+        return extent;
+    };
+    const double extent = extent_of(core), most = extent_of(0);
+    double margin = extent > 0 ? MARGIN * extent : SMALLEST * most;
+    const auto grown = static_cast<Index>(ENOUGH * static_cast<double>(size));
+    const Index enough = std::min(xyz.size(), std::max(section, grown));
+    Index count = visit(xyz, tree, core, margin, 1, room);
+    while (count < enough && margin <= most) {
+        margin *= 2;
+        count = visit(xyz, tree, core, margin, 1, room);
+    }
+    const Index rim = count - size;
+    if (rim > RIM * section) {
+        const Index stride = (rim + RIM * section - 1) / (RIM * section);
+        count = visit(xyz, tree, core, margin, stride, room);
+    }
+    return count;
+}
+
+}  // namespace LEVEL
+}  // namespace lidar
