@@ -13,6 +13,9 @@ TypeError: an array of another kind. ValueError: arrays that do not fit together
 
 from lidar_outlier_filter.core.annotations import Floats, Index, Ints
 from lidar_outlier_filter.core.detectors.quadric.detector import Rules
+from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------
@@ -72,5 +75,13 @@ def judge_patches(
 ) -> None: ...
 
 # core/detectors/boosted_trees: neighbours ---------------------------------------------------------
+
+def write_large_components(near: Near, begin: int, end: int, is_large: Bools) -> None: ...
+def judge_near(
+    near: Near, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
+) -> None: ...
+def judge_far(
+    far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
+) -> None: ...
 
 # core/detectors/boosted_trees: scan patterns ------------------------------------------------------

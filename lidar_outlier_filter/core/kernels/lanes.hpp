@@ -86,6 +86,16 @@ inline void sort(T (*values)[LANES], const Network& network) {
     }
 }
 
+// Sorts the elements of vectors, none NaN, likewise.
+inline void sort(Doubles* rows, const Network& network) {
+    for (int k = 0; k < network.size; ++k) {
+        const Pair pair = network.pairs[k];
+        const Doubles one = rows[pair.smaller], other = rows[pair.larger];
+        rows[pair.smaller] = least(one, other);
+        rows[pair.larger] = most(one, other);
+    }
+}
+
 struct Batch {
     Index count;  // of points
     Index next;   // where the next batch begins

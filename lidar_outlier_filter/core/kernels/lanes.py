@@ -79,14 +79,3 @@ def sort(values: NDArray[np.floating], pairs: Ints) -> None:
             # The sign is taken off only because, where a value could stay as it is, the compiler
             # would write under a mask, which takes three times as long.
             values[a, lane], values[b, lane] = abs(min(one, other)), abs(max(one, other))
-
-
-@kernel
-def sort_signed(values: NDArray[np.float64], pairs: Ints) -> None:
-    """Sort values of any sign of each lane by the rows of a :func:`network`; -0 may become 0."""
-    for pair in range(len(pairs)):
-        a, b = pairs[pair, 0], pairs[pair, 1]
-        for lane in range(values.shape[1]):
-            one, other = values[a, lane], values[b, lane]
-            # 0 is added for the reason that `sort` takes the sign off.
-            values[a, lane], values[b, lane] = min(one, other) + 0.0, max(one, other) + 0.0

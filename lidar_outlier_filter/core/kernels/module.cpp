@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "../detectors/boosted_trees/neighbour_trees.hpp"
 #include "../detectors/quadric/quadric.hpp"
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
@@ -43,6 +44,20 @@ template <>
 struct type_caster<lidar::Rules>
     : lidar::struct_caster<lidar::Rules, lidar::View<const double>, lidar::View<const double>,
                            double, lidar::Index, bool> {};
+struct type_caster<lidar::Trees>
+    : lidar::struct_caster<lidar::Trees, lidar::View<const std::int32_t, 2>,
+                           lidar::View<const float, 2>, lidar::View<const float, 2>, float> {};
+
+template <>
+struct type_caster<lidar::Near>
+    : lidar::struct_caster<lidar::Near, lidar::View<const double, 2>,
+                           lidar::View<const std::int32_t, 2>, lidar::View<const double>,
+                           lidar::Floor, lidar::View<const bool>> {};
+
+template <>
+struct type_caster<lidar::Far>
+    : lidar::struct_caster<lidar::Far, lidar::Near, lidar::View<const float>,
+                           lidar::View<const std::int32_t, 2>> {};
 
 }  // namespace pybind11::detail
 
@@ -188,7 +203,12 @@ void bind_quadric(py::module_& m) {
 // core/detectors/boosted_trees: neighbours ----------------------------------------------------
 
 void bind_neighbour_trees(py::module_& m) {
-    (void)m;
+    m.def("write_large_components", AT_LEVEL(write_large_components), arg("near"), arg("begin"),
+          arg("end"), arg("is_large"), WithoutGil());
+    m.def("judge_near", AT_LEVEL(judge_near), arg("near"), arg("trees"), arg("which"), arg("begin"),
+          arg("end"), arg("odds"), arg("values"), WithoutGil());
+    m.def("judge_far", AT_LEVEL(judge_far), arg("far"), arg("trees"), arg("which"), arg("begin"),
+          arg("end"), arg("odds"), arg("values"), WithoutGil());
 }
 
 // core/detectors/boosted_trees: scan patterns -------------------------------------------------

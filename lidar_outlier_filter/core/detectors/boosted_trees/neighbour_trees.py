@@ -11,37 +11,29 @@ Lone points of a whole cloud are taken out first, see :mod:`.lone_points`.
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR
 from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import part
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
-    FAR_COUNT,
     MAX_NEIGHBOURS,
-    NEAR_COUNT,
     Far,
     Near,
-    make_far_buffers,
-    make_near_buffers,
-    write_far,
-    write_large_components,
-    write_near,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     NO_TREES,
     SURVEY_MODEL,
     Trees,
-    add_lanes,
     load,
 )
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
 
 NO_VALUES = np.empty((0, 0), np.float32)
-AT_ONCE = 128 * LANES  # points that a thread takes at once
+AT_ONCE = 4096  # points that a thread takes at once
 
 
 def measure(
@@ -106,7 +98,7 @@ def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     radius, unknown, is_large = hood.squared_distances(K), *np.zeros((2, len(hood)), np.bool_)
     near = Near(hood.xyz, hood.nearest(K).index, np.sqrt(radius, out=radius), around, unknown)
     pool.run(
-        lambda i, j: write_large_components(near, i, j, is_large),
+        lambda i, j: _kernels.write_large_components(near, i, j, is_large),
         *(len(radius), AT_ONCE, hood.threads),
     )
     return near._replace(is_large=is_large)
@@ -116,7 +108,7 @@ def first_odds(near: Near, trees: Trees, threads: int = 0) -> Singles:
     """Return the log-odds by the first trees (N,), in tree order."""
     odds, every = np.empty(len(near.radius), np.float32), np.empty(0, np.int64)
     pool.run(
-        lambda i, j: _first(near, trees, every, i, j, odds, NO_VALUES),
+        lambda i, j: _kernels.judge_near(near, trees, every, i, j, odds, NO_VALUES),
         *(len(odds), AT_ONCE, threads),
     )
     return odds
@@ -129,7 +121,7 @@ def second_odds(
     odds = np.empty(len(which), np.float32)
     far = Far(near, first, hood.nearest_of(which, min(MAX_NEIGHBOURS, len(hood) - 1)))
     pool.run(
-        lambda i, j: _again(far, trees, which, i, j, odds, NO_VALUES),
+        lambda i, j: _kernels.judge_far(far, trees, which, i, j, odds, NO_VALUES),
         *(len(which), AT_ONCE // 8, hood.threads),
     )
     return odds
@@ -137,60 +129,17 @@ def second_odds(
 
 def near_values(near: Near, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the first trees."""
-    values, odds = _room(NEAR_COUNT, which)
-    _first(near, NO_TREES, which, 0, len(which), odds, values)
+    values, odds = _room(len(NEAR), which)
+    _kernels.judge_near(near, NO_TREES, which, 0, len(which), odds, values)
     return values
 
 
 def far_values(far: Far, which: Ints) -> Singles:
     """Return the features (COUNT, M) of points for the second trees."""
-    values, odds = _room(FAR_COUNT, which)
-    _again(far, NO_TREES, which, 0, len(which), odds, values)
+    values, odds = _room(len(NEAR) + len(FAR), which)
+    _kernels.judge_far(far, NO_TREES, which, 0, len(which), odds, values)
     return values
 
 
 def _room(count: int, which: Ints) -> tuple[Singles, Singles]:
     return np.empty((count, len(which)), np.float32), np.empty(len(which), np.float32)
-
-
-@kernel
-def _first(
-    near: Near, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
-) -> None:
-    """Write log-odds of points ``which`` (M,), or of all if empty; if there is room, features."""
-    buffers, points = make_near_buffers(), np.empty(LANES, np.int64)
-    some, total = np.empty((NEAR_COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    for start in range(begin, end, LANES):
-        for lane in range(LANES):
-            row = min(start + lane, end - 1)
-            points[lane] = which[row] if len(which) > 0 else row
-        write_near(near, points, buffers, some)
-        add_lanes(trees, some, total)
-        _keep(total, some, start, end, odds, values)
-
-
-@kernel
-def _again(
-    far: Far, trees: Trees, which: Ints, begin: int, end: int, odds: Singles, values: Singles
-) -> None:
-    """Write log-odds of points ``which`` (M,); where there is room, features."""
-    buffers = make_far_buffers()
-    points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    some, total = np.empty((FAR_COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    for start in range(begin, end, LANES):
-        for lane in range(LANES):
-            rows[lane] = min(start + lane, end - 1)
-            points[lane] = which[rows[lane]]
-        write_far(far, points, rows, buffers, some)
-        add_lanes(trees, some, total)
-        _keep(total, some, start, end, odds, values)
-
-
-@device_function
-def _keep(
-    total: Singles, some: Singles, start: int, end: int, odds: Singles, values: Singles
-) -> None:
-    for lane in range(min(LANES, end - start)):
-        odds[start + lane] = total[lane]
-        for f in range(len(values)):
-            values[f, start + lane] = some[f, lane]

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds without scan lines, judged by trees on the neighbours of each point."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.shapes import rows_and_columns
@@ -9,10 +11,15 @@ from naive import survey as naive
 from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
-from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
+    MAX_NEIGHBOURS,
+    Far,
+    Near,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, Trees, load
 from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -229,3 +236,78 @@ def test_typical_scale() -> None:
     )
     # Where points nearly coincide the micrometre is left that is added.
     assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(MIN_SCALE_M)
+
+
+def inputs(xyz: Floats) -> tuple[Near, Far]:
+    """Return what kernels get of a cloud."""
+    hood = Neighbourhood(xyz, K)
+    near = survey.neighbours(hood, around(xyz))
+    odds = survey.first_odds(near, load(SURVEY_MODEL).first)
+    return near, Far(near, odds, hood.nearest_of(np.arange(len(xyz)), MAX_NEIGHBOURS))
+
+
+@pytest.mark.parametrize('name', ['surface', 'stacked', 'line'])
+def test_instructions_do_not_matter(name: str) -> None:
+    """Each level of instructions gives the same bits, whatever else is in the lanes."""
+    near, far = inputs(CLOUDS[name])
+    which, found = np.arange(len(near.xyz)), set()
+    try:
+        for level in _kernels.levels():
+            _kernels.set_level(level)
+            whole = survey.near_values(near, which), survey.far_values(far, which)
+            found.add(b''.join(values.tobytes() for values in whole))
+            some = far._replace(index=far.index[7:12])
+            np.testing.assert_array_equal(survey.far_values(some, which[7:12]), whole[1][:, 7:12])
+    finally:
+        _kernels.set_level(_kernels.levels()[-1])
+    assert len(found) == 1
+
+
+NEAR_WRONG: dict[str, Any] = {
+    'float32': lambda near: near._replace(xyz=near.xyz.astype(np.float32)),
+    'int64': lambda near: near._replace(index=near.index.astype(np.int64)),
+    'columns': lambda near: near._replace(index=near.index[:, :7].copy()),
+    'slice': lambda near: near._replace(xyz=near.xyz[:, ::-1]),
+    'short': lambda near: near._replace(radius=near.radius[:-1]),
+    'few marks': lambda near: near._replace(is_large=near.is_large[:-1]),
+    'no point': lambda near: near._replace(index=np.full_like(near.index, len(near.index))),
+    'before': lambda near: near._replace(index=np.full_like(near.index, -1)),
+    'no floor': lambda near: near._replace(
+        around=near.around._replace(wide=np.empty(0, np.int64), floor=np.empty((0, 2)))
+    ),
+}
+
+
+@pytest.mark.parametrize('name', NEAR_WRONG)
+def test_refuses_neighbours_that_do_not_fit(name: str) -> None:
+    """What a kernel would read beyond an array, or of another type, is an error in Python."""
+    near, far = inputs(CLOUDS['surface'])
+    near, which = NEAR_WRONG[name](near), np.arange(len(near.xyz))
+    with pytest.raises((TypeError, ValueError)):
+        survey.first_odds(near, load(SURVEY_MODEL).first)
+    with pytest.raises((TypeError, ValueError)):
+        survey.far_values(far._replace(near=near), which)
+    with pytest.raises((TypeError, ValueError)):
+        _kernels.write_large_components(near, 0, len(which), np.zeros(len(which), np.bool_))
+
+
+@pytest.mark.parametrize(
+    ('end', 'point', 'rows', 'column'),
+    [(9, 0, 8, 0), (8, -1, 8, 0), (8, 400, 8, 0), (8, 0, 7, 0), (8, 0, 8, 400), (8, 0, 8, -1)],
+)
+def test_refuses_points_that_there_are_not(end: int, point: int, rows: int, column: int) -> None:
+    """Ranges, points, rows of features and neighbours are checked before they are used."""
+    _, far = inputs(CLOUDS['surface'])
+    trees, which, odds = load(SURVEY_MODEL).again, np.full(8, point), np.empty(8, np.float32)
+    index = far.index[:rows].copy()
+    index[-1, -1] = column
+    none = np.empty((0, 0), np.float32)
+    with pytest.raises(ValueError, match='must'):
+        _kernels.judge_far(far._replace(index=index), trees, which, 0, end, odds, none)
+    far = far._replace(index=far.index[:8])
+    _kernels.judge_far(far, trees, np.arange(8), 0, 8, odds, none)
+    for values in (np.empty((len(NEAR), 8), np.float32), np.empty((55, 7), np.float32)):
+        with pytest.raises(ValueError, match='values'):
+            _kernels.judge_far(far, trees, np.arange(8), 0, 8, odds, values)
+    with pytest.raises(ValueError, match='within the array'):
+        _kernels.judge_near(far.near, trees, np.arange(8), 0, 8, odds, none)
