@@ -6,16 +6,10 @@
 # Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
 # TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
-TypeError: an array of another kind. ValueError: arrays that do not fit together.
-"""
-
-from lidar_outlier_filter.core.annotations import Floats, Index, Ints
-from lidar_outlier_filter.core.detectors.quadric.detector import Rules
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+from lidar_outlier_filter.core.detectors.quadric.detector import Rules
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------

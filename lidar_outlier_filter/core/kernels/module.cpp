@@ -44,6 +44,8 @@ template <>
 struct type_caster<lidar::Rules>
     : lidar::struct_caster<lidar::Rules, lidar::View<const double>, lidar::View<const double>,
                            double, lidar::Index, bool> {};
+
+template <>
 struct type_caster<lidar::Trees>
     : lidar::struct_caster<lidar::Trees, lidar::View<const std::int32_t, 2>,
                            lidar::View<const float, 2>, lidar::View<const float, 2>, float> {};

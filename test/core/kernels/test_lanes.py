@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points in lanes: each lane is sorted by itself, and each requested point has its turn."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -53,7 +55,8 @@ def test_refuses_what_does_not_fit() -> None:
         np.zeros(4, np.int64),
         np.ones(9, bool),
     )
-    for wrong in (values.astype(np.float32), values[:, ::2], values[0]):
+    others: list[Any] = [values.astype(np.float32), values[:, ::2], values[0]]
+    for wrong in others:
         with pytest.raises(TypeError, match='array of float64'):
             _kernels.sort_lanes(wrong, 0, 1)
     for rows, first, last in ((values, 0, 5), (values, -1, 2), (np.zeros((4, 8)), 0, 4)):

@@ -29,18 +29,6 @@ constexpr double SINGULAR = 1e-12;  // a pivot below this part of the matrix: am
 constexpr int ADJUSTMENTS = 10;
 constexpr double CONVERGED = 1e-6;  // largest change of a parameter
 
-constexpr int DOUBLES = WIDTH / 2;  // in a register
-typedef double Doubles __attribute__((vector_size(DOUBLES * 8)));
-
-[[gnu::always_inline]] inline Doubles load(const double* from) {
-    Doubles result;
-    std::memcpy(&result, from, sizeof result);
-    return result;
-}
-[[gnu::always_inline]] inline void store(double* to, Doubles values) {
-    std::memcpy(to, &values, sizeof values);
-}
-
 // Returns how many registers hold the first elements of a row.
 constexpr int registers(int elements) {
     return (elements + DOUBLES - 1) / DOUBLES;
