@@ -77,6 +77,29 @@ struct type_caster<lidar::View<T, Dimensions>> {
     }
 };
 
+template <typename T>
+struct type_caster<lidar::Rows<T>> {
+    using Element = std::remove_const_t<T>;
+    PYBIND11_TYPE_CASTER(lidar::Rows<T>, const_name("numpy.ndarray"));
+
+    bool load(handle source, bool /*convert*/) {
+        if (!isinstance<array_t<Element>>(source) ||
+            reinterpret_borrow<pybind11::array>(source).ndim() != 2) {
+            throw type_error(lidar::refusal<Element>(source, 2, !std::is_const_v<T>));
+        }
+        const auto array = reinterpret_borrow<pybind11::array>(source);
+        const ssize_t size = sizeof(Element);
+        if ((array.shape(1) > 1 && array.strides(1) != size) || array.strides(0) < 0 ||
+            array.strides(0) % size != 0 || !(array.writeable() || std::is_const_v<T>)) {
+            throw type_error("rows expected whose elements lie side by side, in their order");
+        }
+        value.data = static_cast<T*>(const_cast<void*>(array.data()));
+        value.shape = {array.shape(0), array.shape(1)};
+        value.step = array.strides(0) / size;
+        return true;
+    }
+};
+
 template <typename T, int Dimensions>
 struct type_caster<lidar::Owned<T, Dimensions>> {
     using OwnedType = lidar::Owned<T, Dimensions>;

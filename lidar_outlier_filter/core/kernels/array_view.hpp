@@ -47,6 +47,25 @@ struct View {
     }
 };
 
+// Rows whose elements lie side by side, the rows themselves maybe further apart: some first columns
+// of an array.
+template <typename T>
+struct Rows {
+    T* data = nullptr;
+    std::array<Index, 2> shape{};
+    Index step = 0;  // elements from one row to the next
+
+    [[gnu::always_inline]] T& operator()(Index i, Index j) const {
+        return data[i * step + j];
+    }
+    [[gnu::always_inline]] T* row(Index i) const {
+        return data + i * step;
+    }
+    [[gnu::always_inline]] Index size() const {
+        return shape[0];
+    }
+};
+
 // An array that a kernel makes and Python gets.
 template <typename T, int Dimensions = 1>
 struct Owned {
@@ -80,6 +99,20 @@ inline void check_indices(View<T> indices, Index size) {
     bool fits = true;
     for (Index i = 0; i < indices.size(); ++i) {
         fits &= 0 <= indices[i] && static_cast<Index>(indices[i]) < size;
+    }
+    check(fits, "indices must lie within the array that they are of");
+}
+
+// Refuses rows of a range with numbers that are used as indices and are not within `size`.
+template <typename T>
+inline void check_indices(Rows<T> rows, Index begin, Index end, Index size) {
+    check_range(begin, end, rows.size());
+    bool fits = true;
+    for (Index i = begin; i < end; ++i) {
+        const T* const row = rows.row(i);
+        for (Index j = 0; j < rows.shape[1]; ++j) {
+            fits &= 0 <= row[j] && static_cast<Index>(row[j]) < size;
+        }
     }
     check(fits, "indices must lie within the array that they are of");
 }

@@ -17,7 +17,10 @@
 #include "../detectors/quadric/quadric.hpp"
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
-#include "../neighbours/tree.hpp"
+#include "../neighbours/search.hpp"
+#include "../neighbours/tree_build.hpp"
+#include "../neighbours/tree_caster.hpp"
+#include "../neighbours/tree_walks.hpp"
 #include "../scan_pattern/pattern.hpp"
 #include "array_caster.hpp"
 #include "lanes.hpp"
@@ -30,10 +33,9 @@ using py::arg;
 namespace pybind11::detail {
 
 template <>
-struct type_caster<lidar::Tree>
-    : lidar::struct_caster<lidar::Tree, lidar::View<const double, 2>, lidar::View<const double, 2>,
-                           lidar::View<const lidar::Index>, lidar::View<const lidar::Index>,
-                           lidar::View<const lidar::Index>> {};
+struct type_caster<lidar::Buffers>
+    : lidar::struct_caster<lidar::Buffers, lidar::View<double, 2>, lidar::View<double, 2>,
+                           lidar::View<std::int32_t>, lidar::View<std::int32_t>> {};
 
 template <>
 struct type_caster<lidar::Floor>
@@ -155,6 +157,26 @@ void bind_kernels(py::module_& m) {
 
 void bind_neighbours(py::module_& m) {
     m.def("numbers", &numbers, arg("xyz"), WithoutGil());
+    m.attr("LEAF") = base::LEAF;
+    m.def("halve_node", &halve_node, arg("buffers"), arg("first"), arg("last"), arg("in_spare"),
+          arg("patience"), WithoutGil());
+    m.def("grow_tree", &grow_tree, arg("buffers"), arg("first"), arg("last"), arg("in_spare"),
+          arg("patience"), WithoutGil());
+    m.def("prune_tree", &prune_tree, arg("tree"), arg("first"), arg("last"), arg("xyz"),
+          WithoutGil());
+    m.def("keep_tree", &keep_tree, arg("tree"));
+    m.def("search_nearest", AT_LEVEL(search_nearest), arg("xyz"), arg("tree"), arg("these"),
+          arg("order"), arg("row"), arg("index"), arg("tied"), WithoutGil());
+    m.def("tied_at", &tied_at, arg("xyz"), arg("index"), arg("k"), arg("begin"), arg("end"),
+          arg("tied"), WithoutGil());
+    m.def("squared_distances", &squared_distances, arg("xyz"), arg("index"), arg("k"), arg("begin"),
+          arg("end"), arg("result"), WithoutGil());
+    m.def("carry_over", &carry_over, arg("index"), arg("tied"), arg("new_index"), arg("begin"),
+          arg("end"), arg("index_out"), arg("tied_out"), arg("row"), WithoutGil());
+    m.def("list_within", &list_within, arg("xyz"), arg("tree"), arg("which"), arg("limits"),
+          arg("offsets"), arg("index"), WithoutGil());
+    m.def("find_copies", &find_copies, arg("order"), arg("xyz"), arg("tree"), arg("these"),
+          WithoutGil());
     m.def("tree_height", &tree_height, arg("tree"), WithoutGil());
     m.def("tree_leaves", &tree_leaves, arg("tree"), WithoutGil());
 }

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Allocate, Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.threads import Result
-from lidar_outlier_filter.core.neighbours import tree_search, tree_walks
 from lidar_outlier_filter.core.neighbours.tree_build import Tree, build, prune
 from lidar_outlier_filter.errors import FilterError
 
@@ -139,15 +139,15 @@ class Neighbourhood:
         tied = np.empty(self._count, np.bool_)
         xyz = self.xyz
         self._in_threads(
-            lambda i, j: tree_walks.tied_at(xyz, nearest.index, k, i, j, tied), self._count
+            lambda i, j: _kernels.tied_at(xyz, nearest.index, k, i, j, tied), self._count
         )
         return Nearest(nearest.index[:, :k], tied)
 
     def squared_distances(self, k: int) -> Floats:
         """Return, (N,) in tree order, the squared distance of each point to its k-th neighbour."""
-        xyz, others, result = self.xyz, self.nearest(k).index[:, -1], np.empty(self._count)
+        xyz, index, result = self.xyz, self.nearest(k).index, np.empty(self._count)
         self._in_threads(
-            lambda i, j: tree_walks.squared_distances(xyz, others, i, j, result), self._count
+            lambda i, j: _kernels.squared_distances(xyz, index, k, i, j, result), self._count
         )
         return result
 
@@ -164,9 +164,9 @@ class Neighbourhood:
 
         """
         order, xyz, tree = self._build()
-        leaves = tree_walks.leaves(tree)
+        leaves = _kernels.tree_leaves(tree)
         found = self._in_threads(
-            lambda i, j: tree_walks.copies(order, xyz, tree, leaves[i:j]), len(leaves)
+            lambda i, j: _kernels.find_copies(order, xyz, tree, leaves[i:j]), len(leaves)
         )
         copies = np.concatenate(found).T
         if copies.size == 0:
@@ -227,11 +227,10 @@ class Neighbourhood:
         which = np.ascontiguousarray(which, np.int64)
         offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
         _, xyz, tree = self._build()
-        levels = tree_walks.height(tree)
 
         def walk(i: int, j: int) -> Ints:
             these = which[i:j], squared[i:j], offsets[i : j + 1]
-            return tree_walks.within(xyz, tree, levels, *these, index)
+            return _kernels.list_within(xyz, tree, *these, index)
 
         # Counted first: nothing has room yet.
         counts = self._in_threads(walk, len(which))
@@ -278,10 +277,9 @@ class Neighbourhood:
     def _search(self, nearest: Nearest, row: Index) -> None:
         """Write the lists of the points whose row is not negative."""
         order, xyz, tree = self._build()
-        levels, leaves = tree_walks.height(tree), tree_walks.leaves(tree)
-        lists = tree_search.Lists(order, row, *nearest)
+        leaves = _kernels.tree_leaves(tree)
         pool.run(
-            lambda i, j: tree_search.search(xyz, tree, leaves[i:j], levels, lists),
+            lambda i, j: _kernels.search_nearest(xyz, tree, leaves[i:j], order, row, *nearest),
             len(leaves),
             LEAVES * len(self) // max(int(np.count_nonzero(row >= 0)), 1),
             self.threads,
@@ -293,7 +291,7 @@ class Neighbourhood:
         new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
         row = np.empty(len(result), np.int32)
         self._in_threads(
-            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, row),
+            lambda i, j: _kernels.carry_over(*old, new_index, i, j, *nearest, row),
             self._count,
         )
         result._search(nearest, row)

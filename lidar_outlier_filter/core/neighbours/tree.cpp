@@ -16,6 +16,14 @@ void check_tree(const Tree& tree, Index points) {
               tree.high.shape == std::array<Index, 2>{nodes, 3},
           "a tree must have as many of everything as it has nodes");
     bool is_one = tree.first[0] == 0 && tree.last[0] == points;
+    if (tree.levels > 0) {
+        check(is_one, "the tree must be one over as many points");
+        return;
+    }
+    for (Index node = 0; node < nodes; ++node) {  // also those that nobody reaches
+        is_one &= 0 <= tree.first[node] && tree.first[node] <= tree.last[node];
+        is_one &= tree.last[node] <= points;
+    }
     for (Index node = 0; node < nodes && is_one; ++node) {
         const Index child = tree.child[node];
         if (child >= 0) {
@@ -32,6 +40,9 @@ void check_tree(const Tree& tree, Index points) {
 
 Index tree_height(const Tree& tree) {
     check_tree(tree, tree.last.size() > 0 ? tree.last[0] : 0);
+    if (tree.levels > 0) {
+        return tree.levels;
+    }
     std::vector<Index> level(static_cast<std::size_t>(tree.child.size()), 1);
     Index most = 1;
     for (Index node = 0; node < tree.child.size(); ++node) {

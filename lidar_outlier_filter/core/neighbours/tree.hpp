@@ -19,6 +19,7 @@ struct Tree {
     View<const double, 2> low, high;  // (M, 3), metres
     View<const Index> first, last;    // (M,) the points of a node
     View<const Index> child;          // (M,) the left child; the right one is the next; -1: a leaf
+    Index levels = 0;                 // 0: not counted, nor checked; see tree_caster.hpp
 };
 
 struct Box {  // may be a point
@@ -28,8 +29,8 @@ struct Box {  // may be a point
 // Refuses a tree that is none over so many points: walks take its numbers as addresses.
 void check_tree(const Tree& tree, Index points);
 
-// Returns how many levels a tree has. A walk that puts both children of a node on its stack needs
-// room for one more.
+// Returns how many levels a tree has, and checks it. A walk that puts both children of a node on
+// its stack needs room for one more.
 Index tree_height(const Tree& tree);
 
 // Returns the leaves in the order of their points.
@@ -37,7 +38,7 @@ Owned<Index> tree_leaves(const Tree& tree);
 
 namespace LEVEL {
 
-inline constexpr Index LEAF = 24;  // points, as in tree_build.py
+inline constexpr Index LEAF = 24;  // points
 
 inline Box box_of(const double* point) {
     return {{point[0], point[1], point[2]}, {point[0], point[1], point[2]}};
