@@ -16,6 +16,15 @@ namespace lidar {
 
 using Index = std::int64_t;
 
+// Refuses an index beyond an array, where scripts/sanitize builds: an IndexError in Python.
+[[gnu::always_inline]] inline void check_index([[maybe_unused]] Index i, [[maybe_unused]] Index n) {
+#if defined(LIDAR_CHECK_BOUNDS)
+    if (i < 0 || i >= n) {
+        throw std::out_of_range("index " + std::to_string(i) + " of " + std::to_string(n));
+    }
+#endif
+}
+
 // Elements in C order. The door (array_caster.hpp) has checked type, dimensions and order; whoever
 // takes elements as addresses checks these. A const element is read only.
 template <typename T, int Dimensions = 1>
@@ -25,14 +34,20 @@ struct View {
 
     [[gnu::always_inline]] T& operator[](Index i) const {
         static_assert(Dimensions == 1, "rows are taken by row()");
+        check_index(i, shape[0]);
         return data[i];
     }
     [[gnu::always_inline]] T& operator()(Index i, Index j) const {
         static_assert(Dimensions == 2, "of two dimensions");
+        check_index(i, shape[0]);
+        check_index(j, shape[1]);
         return data[i * shape[1] + j];
     }
     [[gnu::always_inline]] T& operator()(Index i, Index j, Index k) const {
         static_assert(Dimensions == 3, "of three dimensions");
+        check_index(i, shape[0]);
+        check_index(j, shape[1]);
+        check_index(k, shape[2]);
         return data[(i * shape[1] + j) * shape[2] + k];
     }
     [[gnu::always_inline]] T* row(Index i) const {
@@ -56,6 +71,8 @@ struct Rows {
     Index step = 0;  // elements from one row to the next
 
     [[gnu::always_inline]] T& operator()(Index i, Index j) const {
+        check_index(i, shape[0]);
+        check_index(j, shape[1]);
         return data[i * step + j];
     }
     [[gnu::always_inline]] T* row(Index i) const {
