@@ -10,6 +10,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Si
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
 from lidar_outlier_filter.core.detectors.quadric.detector import Rules
+from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 # core/kernels -------------------------------------------------------------------------------------
@@ -29,6 +30,8 @@ def next_batch(points: Ints, selected: Bools, begin: int, end: int) -> tuple[int
 def numbers(xyz: Floats) -> Ints: ...
 
 LEAF: int
+FLOOR_WIDER: int
+FLOOR_FARTHEST: float
 
 _Buffers = tuple[Floats, Floats, Index, Index]
 _Tree = tuple[Floats, Floats, Ints, Ints, Ints]
@@ -60,6 +63,11 @@ def list_within(
     xyz: Floats, tree: Tree, which: Ints, limits: Floats, offsets: Ints, index: Index
 ) -> Ints: ...
 def find_copies(order: Ints, xyz: Floats, tree: Tree, these: Ints) -> Ints: ...
+def column_runs(xyz: Floats, origin: Floats, side: float) -> tuple[Ints, Floats]: ...
+def write_floor(
+    wide: Ints, column: Ints, lowest: Floats, begin: int, end: int, floor: Floats
+) -> None: ...
+def count_low(around: Floor, xyz: Floats) -> int: ...
 def tree_height(tree: Tree) -> int: ...
 def tree_leaves(tree: Tree) -> Ints: ...
 
@@ -68,6 +76,27 @@ def tree_leaves(tree: Tree) -> Ints: ...
 # core/scan_pattern --------------------------------------------------------------------------------
 
 # core/detectors: SOR, LOF, elevation, Gabriel graph -----------------------------------------------
+
+_Near = tuple[Index, Index, Ints, Index]
+
+def average_distances(xyz: Floats, lists: Index, begin: int, end: int, result: Floats) -> None: ...
+def write_densities(
+    near: _Near, xyz: Floats, square: Floats, begin: int, end: int, density: Floats
+) -> None: ...
+def write_density_ratios(
+    near: _Near, density: Floats, begin: int, end: int, factor: Floats
+) -> None: ...
+def sort_rows_as_given(
+    first: Ints, order: Ints, position: Ints, begin: int, end: int, more: Index
+) -> None: ...
+def elevation_differences(
+    elevation: Floats, index: Index, begin: int, end: int, result: Floats
+) -> None: ...
+def elevation_differences_of_lists(
+    elevation: Floats, which: Ints, offsets: Ints, near: Index, result: Floats
+) -> None: ...
+def gabriel_edges(xyz: Floats, tree: Tree, begin: int, end: int) -> Index: ...
+def edge_lengths(xyz: Floats, ends: Index) -> Floats: ...
 
 # core/detectors/alpha_beta_gamma ------------------------------------------------------------------
 

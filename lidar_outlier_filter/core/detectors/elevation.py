@@ -37,12 +37,12 @@ so that low points do not pull the ground down. Under dense canopy this raises t
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints
 from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -193,24 +193,13 @@ def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -
     result = np.empty(len(xyz))
 
     def work(begin: int, end: int) -> None:
-        _differences(elevation, index, begin, end, result)
+        _kernels.elevation_differences(elevation, index, begin, end, result)
 
     pool.run(work, len(xyz), CHUNK, threads)
     _correct_ties(neighbourhood, elevation, index, np.flatnonzero(tied), result)
     in_input_order = np.empty(len(xyz))
     in_input_order[order] = result
     return in_input_order
-
-
-@kernel
-def _differences(elevation: Floats, index: Index, begin: int, end: int, result: Floats) -> None:
-    """Write M of the points from ``begin`` to ``end``, from their lists, all in tree order."""
-    k = index.shape[1]
-    for i in range(begin, end):
-        total = 0.0
-        for j in range(k):
-            total += elevation[index[i, j]] - elevation[i]
-        result[i] = total / k
 
 
 def _correct_ties(
@@ -234,18 +223,7 @@ def _correct_ties(
     result[stacked] = (total[stack] - above) / (height[stack] - 1) - above
     others = tied[squared > 0]
     offsets, near = neighbourhood.within(others, squared[squared > 0])
-    _differences_of_lists(elevation, others, offsets, near, result)
-
-
-@kernel
-def _differences_of_lists(
-    elevation: Floats, which: Ints, offsets: Ints, near: Index, result: Floats
-) -> None:
-    for i in range(len(which)):
-        total = 0.0
-        for j in range(offsets[i], offsets[i + 1]):
-            total += elevation[near[j]] - elevation[which[i]]
-        result[which[i]] = total / (offsets[i + 1] - offsets[i])
+    _kernels.elevation_differences_of_lists(elevation, others, offsets, near, result)
 
 
 # The ground ---------------------------------------------------------------------------------------

@@ -29,19 +29,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Lof
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.kernels.kernels import kernel, median, noalias_kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 LISTED = -1  # the row of points that have none of their own
 CHUNK = 4096  # points that a thread takes at once
-SHORT = 64  # neighbours that are sorted by insertion
 
 
 class _Near(NamedTuple):
@@ -57,8 +55,8 @@ class _Near(NamedTuple):
     row : (N,) int32
         The row of ``more`` that holds N(p), or LISTED: ``listed`` holds it.
     first : (R + 1,) int64
-        Row r is ``more[0, first[r]:first[r + 1]]``.
-    more : (1, M) int32
+        Row r is ``more[first[r]:first[r + 1]]``.
+    more : (M,) int32
         Indices of neighbours, row after row.
 
     """
@@ -128,7 +126,7 @@ def measure(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
 def compare(factor: Floats, parameters: Lof) -> Floats:
     """Score all points of a cloud by their LOF, see :func:`detect`."""
     if parameters.statistic == 'lof2' and not np.isnan(factor).all():
-        factor = np.abs(factor - median(factor.copy(), len(factor)))
+        factor = np.abs(factor - _kernels.median(factor.copy(), len(factor)))
     return factor / parameters.threshold
 
 
@@ -144,7 +142,7 @@ def _factors(neighbourhood: Neighbourhood, k: int) -> Floats:
     def of_all(work: Callable[..., None], *given: Floats) -> Floats:
         result = np.empty(len(xyz))
         threads.run(
-            lambda begin, end: work(begin, end, near, *given, result),
+            lambda begin, end: work(near, *given, begin, end, result),
             len(xyz),
             CHUNK,
             neighbourhood.threads,
@@ -152,8 +150,8 @@ def _factors(neighbourhood: Neighbourhood, k: int) -> Floats:
         result[stacked] = result[first_there]
         return result
 
-    density = of_all(_densities, xyz, square)
-    return of_all(_ratios, density)
+    density = of_all(_kernels.write_densities, xyz, square)
+    return of_all(_kernels.write_density_ratios, density)
 
 
 def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints, Ints]:
@@ -198,7 +196,7 @@ def _near(
     first, more = neighbourhood.within(own, square[own])
     if len(own) > 0:
         _order_as_given(neighbourhood, first, more)
-    return _Near(listed, row, first, more.reshape(1, -1))
+    return _Near(listed, row, first, more)
 
 
 def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.int32]) -> None:
@@ -209,74 +207,8 @@ def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.
     """
     order, position = neighbourhood.order, _positions(neighbourhood)
     threads.run(
-        lambda begin, end: _sort_rows(begin, end, first, order, position, more),
+        lambda begin, end: _kernels.sort_rows_as_given(first, order, position, begin, end, more),
         len(first) - 1,
         CHUNK,
         neighbourhood.threads,
     )
-
-
-@kernel
-def _sort_rows(
-    begin: int, end: int, first: Ints, order: Ints, position: Ints, more: NDArray[np.int32]
-) -> None:
-    for row in range(begin, end):
-        low, high = first[row], first[row + 1]
-        for i in range(low, high):
-            given = order[more[i]]
-            more[i] = given
-            if high - low <= SHORT:
-                j = i
-                while j > low and more[j - 1] > given:
-                    more[j] = more[j - 1]
-                    j -= 1
-                more[j] = given
-        if high - low > SHORT:
-            more[low:high].sort()
-        for i in range(low, high):
-            more[i] = position[more[i]]
-
-
-@kernel
-def _densities(
-    begin: int, end: int, near: _Near, xyz: Floats, square: Floats, density: Floats
-) -> None:
-    """Divide 1 by the mean reach distance, from squared k-distances."""
-    for p in range(begin, end):
-        row = near.row[p]
-        if row == LISTED:
-            density[p] = _density(p, near.listed, p, 0, near.listed.shape[1], xyz, square)
-        else:
-            first, last = near.first[row], near.first[row + 1]
-            density[p] = _density(p, near.more, 0, first, last, xyz, square)
-
-
-@noalias_kernel
-def _density(
-    p: int, lists: NDArray[np.int32], row: int, first: int, last: int, xyz: Floats, square: Floats
-) -> float:
-    total = 0.0
-    for m in range(first, last):
-        o = lists[row, m]
-        total += np.sqrt(max(square[o], squared(xyz, p, o)))
-    return float((last - first) / total)
-
-
-@kernel
-def _ratios(begin: int, end: int, near: _Near, density: Floats, factor: Floats) -> None:
-    """Divide the mean density of the neighbours by the own one."""
-    for p in range(begin, end):
-        row = near.row[p]
-        if row == LISTED:
-            factor[p] = _mean(density, near.listed, p, 0, near.listed.shape[1]) / density[p]
-        else:
-            first, last = near.first[row], near.first[row + 1]
-            factor[p] = _mean(density, near.more, 0, first, last) / density[p]
-
-
-@noalias_kernel
-def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: int) -> float:
-    total = 0.0
-    for m in range(first, last):
-        total += values[lists[row, m]]
-    return float(total / (last - first))

@@ -36,16 +36,14 @@ DROR, by its authors       min_neighbors - 1      not within; r without z
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.builtin import Sor
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
-from lidar_outlier_filter.core.kernels.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -146,7 +144,7 @@ def compare(measured: Floats, parameters: Sor, range_m: Floats | None = None) ->
         mean = max(measured.mean(), measured.min())
         limit = float(mean + parameters.multiplier * measured.std(ddof=1))
         return _ratio(measured, limit if scale is None else limit * scale)
-    distance = np.abs(measured - median(measured.copy(), count))
+    distance = np.abs(measured - _kernels.median(measured.copy(), count))
     return _ratio(distance, parameters.limit if scale is None else parameters.limit * scale)
 
 
@@ -164,7 +162,7 @@ def _mean_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
     xyz, lists = neighbourhood.xyz, neighbourhood.nearest(k).index
     mean = np.empty(len(xyz))
     threads.run(
-        lambda begin, end: _average(begin, end, xyz, lists, mean),
+        lambda begin, end: _kernels.average_distances(xyz, lists, begin, end, mean),
         len(xyz),
         CHUNK,
         neighbourhood.threads,
@@ -172,15 +170,6 @@ def _mean_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
     result = np.empty(len(xyz))
     result[neighbourhood.order] = mean
     return result
-
-
-@kernel
-def _average(begin: int, end: int, xyz: Floats, lists: NDArray[np.int32], result: Floats) -> None:
-    for p in range(begin, end):
-        total = 0.0
-        for m in range(lists.shape[1]):
-            total += np.sqrt(squared(xyz, p, lists[p, m]))
-        result[p] = total / lists.shape[1]
 
 
 def _ratio(statistic: Floats, limit: Floats | float) -> Floats:

@@ -14,6 +14,9 @@
 #include <string>
 
 #include "../detectors/boosted_trees/neighbour_trees.hpp"
+#include "../detectors/distances.hpp"
+#include "../detectors/elevation.hpp"
+#include "../detectors/gabriel.hpp"
 #include "../detectors/quadric/quadric.hpp"
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
@@ -31,6 +34,12 @@ using py::arg;
 
 // Named tuples of Python, member by member.
 namespace pybind11::detail {
+
+template <>
+struct type_caster<lidar::NearLists>
+    : lidar::struct_caster<lidar::NearLists, lidar::Rows<const std::int32_t>,
+                           lidar::View<const std::int32_t>, lidar::View<const lidar::Index>,
+                           lidar::View<const std::int32_t>> {};
 
 template <>
 struct type_caster<lidar::Buffers>
@@ -158,6 +167,8 @@ void bind_kernels(py::module_& m) {
 void bind_neighbours(py::module_& m) {
     m.def("numbers", &numbers, arg("xyz"), WithoutGil());
     m.attr("LEAF") = base::LEAF;
+    m.attr("FLOOR_WIDER") = base::WIDER;
+    m.attr("FLOOR_FARTHEST") = base::FARTHEST;
     m.def("halve_node", &halve_node, arg("buffers"), arg("first"), arg("last"), arg("in_spare"),
           arg("patience"), WithoutGil());
     m.def("grow_tree", &grow_tree, arg("buffers"), arg("first"), arg("last"), arg("in_spare"),
@@ -177,6 +188,10 @@ void bind_neighbours(py::module_& m) {
           arg("offsets"), arg("index"), WithoutGil());
     m.def("find_copies", &find_copies, arg("order"), arg("xyz"), arg("tree"), arg("these"),
           WithoutGil());
+    m.def("column_runs", &column_runs, arg("xyz"), arg("origin"), arg("side"), WithoutGil());
+    m.def("write_floor", &write_floor, arg("wide"), arg("column"), arg("lowest"), arg("begin"),
+          arg("end"), arg("floor"), WithoutGil());
+    m.def("count_low", &count_low, arg("around"), arg("xyz"), WithoutGil());
     m.def("tree_height", &tree_height, arg("tree"), WithoutGil());
     m.def("tree_leaves", &tree_leaves, arg("tree"), WithoutGil());
 }
@@ -196,7 +211,21 @@ void bind_scan_pattern(py::module_& m) {
 // core/detectors: SOR, LOF, elevation, Gabriel graph ------------------------------------------
 
 void bind_detectors(py::module_& m) {
-    (void)m;
+    m.def("average_distances", AT_LEVEL(average_distances), arg("xyz"), arg("lists"), arg("begin"),
+          arg("end"), arg("result"), WithoutGil());
+    m.def("write_densities", AT_LEVEL(write_densities), arg("near"), arg("xyz"), arg("square"),
+          arg("begin"), arg("end"), arg("density"), WithoutGil());
+    m.def("write_density_ratios", &write_density_ratios, arg("near"), arg("density"), arg("begin"),
+          arg("end"), arg("factor"), WithoutGil());
+    m.def("sort_rows_as_given", &sort_rows_as_given, arg("first"), arg("order"), arg("position"),
+          arg("begin"), arg("end"), arg("more"), WithoutGil());
+    m.def("elevation_differences", &elevation_differences, arg("elevation"), arg("index"),
+          arg("begin"), arg("end"), arg("result"), WithoutGil());
+    m.def("elevation_differences_of_lists", &elevation_differences_of_lists, arg("elevation"),
+          arg("which"), arg("offsets"), arg("near"), arg("result"), WithoutGil());
+    m.def("gabriel_edges", &gabriel_edges, arg("xyz"), arg("tree"), arg("begin"), arg("end"),
+          WithoutGil());
+    m.def("edge_lengths", &edge_lengths, arg("xyz"), arg("ends"), WithoutGil());
 }
 
 // core/detectors/alpha_beta_gamma -------------------------------------------------------------

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <tuple>
 
 #include "../kernels/array_view.hpp"
 #include "../kernels/levels.hpp"
@@ -21,6 +22,13 @@ struct Floor {
 
 // Refuses a floor whose arrays do not fit together, or that has no column though there are points.
 void check_floor(const Floor& around, Index points);
+
+// Returns the columns of points, and the lowest z of those in one column that come together.
+std::tuple<Owned<Index>, Owned<double>> column_runs(View<const double, 2> xyz,
+                                                    View<const double> origin, double side);
+void write_floor(View<const Index> wide, View<const Index> column, View<const double> lowest,
+                 Index begin, Index end, View<double, 2> floor);
+Index count_low(Floor around, View<const double, 2> xyz);
 
 namespace LEVEL {
 

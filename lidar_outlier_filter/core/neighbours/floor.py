@@ -18,19 +18,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, select
+from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.neighbours.typical import in_parts, typical_scale
 
 SIDE = 2.0  # of a column, typical distances
-WIDER = 5  # columns to the side of a wide one
+WIDER = _kernels.FLOOR_WIDER  # columns to the side of a wide one
 WINDOW = 3 * WIDER
-FARTHEST = 2.0**30  # columns from the first: those beyond are one
+FARTHEST = _kernels.FLOOR_FARTHEST  # columns from the first: those beyond are one
 ROW = 32  # bits of a column's number within its row
 WITHIN = (1 << ROW) - 1
 COLUMNS_AT_ONCE = 256
-DEEP, STEEP = 4.0, 0.5  # `deep` and `deep_steep` from which on a point counts as a low one
 
 NAMES = ('deep', 'deep_steep')
 
@@ -78,12 +78,14 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     # NumPy takes the least of an axis faster than those of both at once.
     lows = in_parts(lambda some: (some[:, 0].min(), some[:, 1].min()), xyz, where, threads)
     origin = np.min(lows, axis=0)
-    found = in_parts(lambda some: _lowest(*_runs(some, origin, side)), xyz, where, threads)
+    found = in_parts(
+        lambda some: _lowest(*_kernels.column_runs(some, origin, side)), xyz, where, threads
+    )
     column, low = _lowest(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
     wide = np.unique(_widen(column))
     floor = np.empty((len(wide), 2))
     pool.run(
-        lambda i, j: _write_floor(wide, column, low, i, j, floor),
+        lambda i, j: _kernels.write_floor(wide, column, low, i, j, floor),
         *(len(wide), COLUMNS_AT_ONCE, threads),
     )
     return Floor(typical, origin, side, wide, floor)
@@ -95,7 +97,7 @@ def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
     Parameters: see :func:`measure_floor`.
     """
     around = measure_floor(xyz, where, threads)
-    return sum(in_parts(lambda some: _count_low(around, some), xyz, where, threads))
+    return sum(in_parts(lambda some: _kernels.count_low(around, some), xyz, where, threads))
 
 
 def _widen(column: Ints) -> Ints:
@@ -112,25 +114,6 @@ def _lowest(column: Ints, z: Floats) -> tuple[Ints, Floats]:
     return column[begins], np.minimum.reduceat(z[order], begins)
 
 
-@kernel
-def _write_floor(
-    wide: Ints, column: Ints, lowest: Floats, begin: int, end: int, floor: Floats
-) -> None:
-    """Write the floors of wide columns."""
-    lows = np.empty(WINDOW * WINDOW)
-    for n in range(begin, end):
-        first, left = ((wide[n] >> ROW) - 1) * WIDER, ((wide[n] & WITHIN) - 1) * WIDER
-        count = 0
-        for row in range(max(first, 0), first + WINDOW):
-            at = np.searchsorted(column, row << ROW | max(left, 0))
-            while at < len(column) and column[at] < (row << ROW | (left + WINDOW)):
-                lows[count] = lowest[at]
-                count += 1
-                at += 1
-        low = select(lows, count, (count - 1) // 4)
-        floor[n, 0], floor[n, 1] = low, select(lows, count, 3 * (count - 1) // 4) - low
-
-
 @device_function
 def write_depth(
     around: Floor, x: float, y: float, z: float, feature: int, lane: int, values: Singles
@@ -139,16 +122,6 @@ def write_depth(
     low, spread = _floor_at(around, x, y)
     values[feature, lane] = (low - z) / around.side
     values[feature + 1, lane] = (low - z) / (spread + around.side)
-
-
-@kernel
-def _count_low(around: Floor, xyz: Floats) -> int:
-    count = 0
-    for p in range(len(xyz)):
-        low, spread = _floor_at(around, xyz[p, 0], xyz[p, 1])
-        steep = STEEP * (spread + around.side)
-        count += low - xyz[p, 2] > max(DEEP * around.side, steep)
-    return count
 
 
 @device_function
@@ -164,17 +137,3 @@ def _floor_at(around: Floor, x: float, y: float) -> tuple[float, float]:
 def _steps(along: float, side: float) -> int:
     """Return how many columns fit into a length."""
     return int(min(max(along / side, 0.0), FARTHEST))
-
-
-@kernel
-def _runs(xyz: Floats, origin: Floats, side: float) -> tuple[Ints, Floats]:
-    """Return the columns of points, and the lowest z of those in one column that come together."""
-    column, low, count = np.empty(len(xyz), np.int64), np.empty(len(xyz)), 0
-    for p in range(len(xyz)):
-        row, within = _steps(xyz[p, 0] - origin[0], side), _steps(xyz[p, 1] - origin[1], side)
-        number, z = row << ROW | within, xyz[p, 2]
-        if count == 0 or column[count - 1] != number:
-            column[count], low[count] = number, z
-            count += 1
-        low[count - 1] = min(low[count - 1], z)
-    return column[:count], low[:count]

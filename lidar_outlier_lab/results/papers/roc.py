@@ -12,9 +12,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Lof, Sor
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.evaluation.truth import Cause
 
@@ -141,26 +139,20 @@ def measure_pcl(near: Neighbourhood, k: int) -> Floats:
     return factor
 
 
-@kernel
 def _densities(xyz: Floats, others: Index, square: Floats) -> Floats:
     """Divide 1 by the mean squared reach distance; the first is that of a point from itself."""
-    density = np.empty(len(xyz))
-    for p in range(len(xyz)):
-        total = square[p]
-        for m in range(others.shape[1]):
-            o = others[p, m]
-            total += max(square[o], squared(xyz, p, o))
-        density[p] = (others.shape[1] + 1) / total
-    return density
+    total = square.copy()
+    for other in others.T:
+        dx, dy, dz = (xyz - xyz[other]).T
+        total += np.maximum(square[other], (dx * dx + dy * dy) + dz * dz)
+    result: Floats = (others.shape[1] + 1) / total
+    return result
 
 
-@kernel
 def _factors(others: Index, density: Floats) -> Floats:
     """Divide the mean density of the neighbours, the point among them, by its own."""
-    factor = np.empty(len(density))
-    for p in range(len(density)):
-        total = density[p]
-        for m in range(others.shape[1]):
-            total += density[others[p, m]]
-        factor[p] = total / (others.shape[1] + 1) / density[p]
-    return factor
+    total = density.copy()
+    for other in others.T:
+        total += density[other]
+    result: Floats = total / (others.shape[1] + 1) / density
+    return result

@@ -1,0 +1,50 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// Sums of distances, see sor.py and lof.py. Naive twins: test/naive/sor.py, test/naive/lof.py.
+
+#include "distances.hpp"
+
+#include <cmath>
+
+#include "../neighbours/tree.hpp"
+
+namespace lidar {
+namespace LEVEL {
+
+void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists, Index begin,
+                       Index end, View<double> result) {
+    check(xyz.shape[1] == 3 && lists.size() == xyz.size() && result.size() == xyz.size(),
+          "there must be a list and a place for each point (N, 3)");
+    check_indices(lists, begin, end, xyz.size());
+    const Index k = lists.shape[1];
+    for (Index p = begin; p < end; ++p) {
+        double total = 0;
+        for (Index m = 0; m < k; ++m) {
+            total += std::sqrt(squared(xyz.row(p), xyz.row(lists(p, m))));
+        }
+        result[p] = total / static_cast<double>(k);
+    }
+}
+
+void write_densities(NearLists near, View<const double, 2> xyz, View<const double> square,
+                     Index begin, Index end, View<double> density) {
+    check(xyz.shape[1] == 3 && square.size() == xyz.size() && density.size() == xyz.size(),
+          "there must be a distance and a place for each point (N, 3)");
+    check_near(near, xyz.size(), begin, end);
+    for (Index p = begin; p < end; ++p) {
+        const Index row = near.row[p];
+        const std::int32_t* const list =
+            row < 0 ? near.listed.row(p) : near.more.data + near.first[row];
+        const Index count = row < 0 ? near.listed.shape[1] : near.first[row + 1] - near.first[row];
+        double total = 0;
+        for (Index m = 0; m < count; ++m) {
+            const Index o = list[m];
+            total += std::sqrt(std::max(square[o], squared(xyz.row(p), xyz.row(o))));
+        }
+        density[p] = static_cast<double>(count) / total;
+    }
+}
+
+}  // namespace LEVEL
+}  // namespace lidar

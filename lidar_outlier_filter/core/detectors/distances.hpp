@@ -1,0 +1,38 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// Sums over the neighbours of points, for SOR and LOF.
+#pragma once
+
+#include "../kernels/array_view.hpp"
+#include "../kernels/levels.hpp"
+
+namespace lidar {
+
+// The neighbourhoods N(p) of all points, see lof.py. Row r of `more` is from first[r] on.
+struct NearLists {
+    Rows<const std::int32_t> listed;
+    View<const std::int32_t> row;
+    View<const Index> first;
+    View<const std::int32_t> more;
+};
+
+FOR_EACH_LEVEL(
+    // Writes the mean distance of a range of points to the neighbours in their lists.
+    void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists, Index begin,
+                           Index end, View<double> result);
+    // Divides 1 by the mean reach distance, from squared k-distances.
+    void write_densities(NearLists near, View<const double, 2> xyz, View<const double> square,
+                         Index begin, Index end, View<double> density);)
+
+// Divides the mean density of the neighbours by the own one.
+void write_density_ratios(NearLists near, View<const double> density, Index begin, Index end,
+                          View<double> factor);
+// Sorts rows of neighbours as the points were given: `order`; `position` is its inverse.
+void sort_rows_as_given(View<const Index> first, View<const Index> order,
+                        View<const Index> position, Index begin, Index end,
+                        View<std::int32_t> more);
+
+void check_near(const NearLists& near, Index points, Index begin, Index end);
+
+}  // namespace lidar
