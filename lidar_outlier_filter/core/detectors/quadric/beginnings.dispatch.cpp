@@ -8,8 +8,9 @@
 #include <cmath>
 #include <limits>
 
-#include "../../kernels/select.hpp"
 #include "fits.hpp"
+#include "ranks.hpp"
+#include "runs.hpp"
 #include "surfaces.hpp"
 
 namespace lidar {
@@ -17,7 +18,6 @@ namespace LEVEL {
 
 namespace {
 
-constexpr Index RUN = 16;      // points that follow each other in the window, and suggest a plane
 constexpr double SHARE = 0.3;  // of the points that are to lie near a plane that begins a surface
 constexpr double BLUNT =
     0.01;  // of the least standard deviation: planes that near are equally good
@@ -35,7 +35,7 @@ void measure_sizes(Window& window, Index begin, Index end) {
 // Measures the points left from the plane; returns the distance of that rank.
 double find_near(Window& window, Index left, Index rank) {
     measure_sizes(window, 0, left);
-    return select(window.scratch, left, rank);
+    return find_rank(window.scratch, left, rank, window.more_scratch);
 }
 
 // Remembers the plane if the point of that rank is nearer than the best; returns the better.
@@ -46,30 +46,20 @@ double compare(Window& window, Index left, Index rank, double floor, double best
     measure_sizes(window, 0, left);
     Index nearer = 0;
     for (Index i = 0; i < left; ++i) {
-        nearer += window.scratch[i] < best ? 1 : 0;
+        const double distance = window.scratch[i];
+        window.scratch[nearer] = distance;
+        nearer += distance < best ? 1 : 0;
     }
     if (nearer <= rank) {
         return best;
     }
-    const double near = std::max(select(window.scratch, left, rank), BLUNT * floor);
+    const double at_rank = find_rank(window.scratch, nearer, rank, window.more_scratch);
+    const double near = std::max(at_rank, BLUNT * floor);
     if (near < best) {
         window.best = window.plane;
         return near;
     }
     return best;
-}
-
-// Takes the weight from the points of a run that are farther from the plane than its median.
-void drop_worse_half(Window& window, Index begin, Index end) {
-    measure_sizes(window, begin, end);
-    const double* distance = window.scratch;
-    for (Index i = begin; i < end; ++i) {
-        Index nearer = 0;
-        for (Index j = begin; j < end; ++j) {
-            nearer += distance[j] < distance[i] ? 1 : 0;
-        }
-        window.weight[i] = nearer <= (end - begin) / 2 ? 1.0 : 0.0;
-    }
 }
 
 // Copies the points left side by side.
@@ -80,6 +70,7 @@ void gather_left(Window& window) {
         window.some.x[count] = window.xyz.x[i];
         window.some.y[count] = window.xyz.y[i];
         window.some.z[count] = window.xyz.z[i];
+        std::copy_n(window.xyz.quads + 4 * i, 4, window.some.quads + 4 * count);
         count += window.left[i];
     }
     std::fill(window.weight, window.weight + window.padded, 1.0);
@@ -99,11 +90,13 @@ bool begin_surface(Window& window, Index left, double floor, const Rules& rules)
     const Index rank = std::min(left, std::max(MIN_POINTS, share)) - 1;
     fit_plane(window, window.some, 0, left);
     double best = compare(window, left, rank, floor, std::numeric_limits<double>::infinity());
-    for (Index run = 0; run < left - RUN / 2 + 1; run += RUN) {
-        const Index end = std::min(run + RUN, left);
-        fit_plane(window, window.some, run, end);
-        drop_worse_half(window, run, end);
-        fit_plane(window, window.some, run, end);
+    Plane planes[DOUBLES];
+    const Index runs = (left + RUN / 2) / RUN;  // the last has at least half of the points
+    for (Index run = 0; run < runs; ++run) {
+        if (run % DOUBLES == 0) {
+            fit_runs(window.some, run * RUN, left, planes);
+        }
+        window.plane = planes[run % DOUBLES];
         best = compare(window, left, rank, floor, best);
     }
     if (!(best < std::numeric_limits<double>::infinity())) {

@@ -208,16 +208,18 @@ void sum_normal(Window& window) {
     for (Index m = 0; m < count; ++m) {
         const double* row = window.rows + which[m] * ROW;
         const double p = weight[which[m]];
+        // By way of memory: there each element can be read into all of a register.
         Doubles part[registers(SIZE)];
+        double factors[registers(SIZE) * DOUBLES];
         for (int k = 0; k < registers(SIZE); ++k) {
             part[k] = load(row + k * DOUBLES);
+            store(factors + k * DOUBLES, p * part[k]);
         }
 #pragma GCC unroll 10
         for (int j = 0; j < SIZE; ++j) {
-            const double factor = p * row[j];
             // Of the upper triangle only what comes with the lower one.
             for (int k = 0; k < registers(j + 1); ++k) {
-                sums[j][k] += factor * part[k];
+                sums[j][k] += factors[j] * part[k];
             }
         }
     }

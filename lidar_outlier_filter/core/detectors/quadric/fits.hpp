@@ -13,6 +13,9 @@ struct Squares {  // sums of the squares of the residuals over σ²; NaN: parame
     double before, after;
 };
 
+// Takes the axes of a plane, by their moments, from eigenvalues and eigenvectors (columns).
+void set_axes(const double* values, const double (*vectors)[3], Plane& plane);
+
 // Planes; the points are those from begin to end.
 void fit_plane(Window& window, const Points& points, Index begin, Index end);
 bool is_plane(const Window& window, double floor);

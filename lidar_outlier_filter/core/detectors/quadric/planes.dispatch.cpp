@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "../../kernels/eigen.hpp"
 #include "fits.hpp"
@@ -15,26 +16,47 @@
 namespace lidar {
 namespace LEVEL {
 
+namespace {
+
+typedef double Quad __attribute__((vector_size(32)));
+
+}  // namespace
+
+void set_axes(const double* values, const double (*vectors)[3], Plane& plane) {
+    int least = 0;  // the first of those that tie
+    for (int k = 1; k < 3; ++k) {
+        least = values[k] < values[least] ? k : least;
+    }
+    int middle = (least + 1) % 3, largest = (least + 2) % 3;
+    if (values[middle] > values[largest]) {
+        std::swap(middle, largest);
+    }
+    const int order[3] = {least, middle, largest};
+    for (int axis = 0; axis < 3; ++axis) {
+        const int k = order[axis];
+        plane.moments[axis] = std::max(values[k], 0.0);
+        for (int j = 0; j < 3; ++j) {
+            plane.axes[axis][j] = vectors[j][k];
+        }
+    }
+}
+
 // Fits the plane through points begin to end by their weights, at least one of them not 0.
 void fit_plane(Window& window, const Points& points, Index begin, Index end) {
     Plane& plane = window.plane;
-    double total = 0, x = 0, y = 0, z = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+    // Of p (x, y, z, 1) times 1, x, y and z, in the order of p * x * y.
+    Quad sums{}, of_x{}, of_y{}, of_z{};
     for (Index i = begin; i < end; ++i) {
-        const double p = window.weight[i], a = points.x[i], b = points.y[i], c = points.z[i];
-        total += p;
-        x += p * a;
-        y += p * b;
-        z += p * c;
-        xx += p * a * a;
-        xy += p * a * b;
-        xz += p * a * c;
-        yy += p * b * b;
-        yz += p * b * c;
-        zz += p * c * c;
+        Quad quad;
+        std::memcpy(&quad, points.quads + 4 * i, sizeof quad);
+        const Quad weighted = window.weight[i] * quad;
+        sums += weighted;
+        of_x += weighted[0] * quad;
+        of_y += weighted[1] * quad;
+        of_z += weighted[2] * quad;
     }
-    x /= total;
-    y /= total;
-    z /= total;
+    const double total = sums[3], x = sums[0] / total, y = sums[1] / total, z = sums[2] / total;
+    const double xx = of_x[0], xy = of_x[1], xz = of_x[2], yy = of_y[1], yz = of_y[2], zz = of_z[2];
     plane.mean[0] = x;
     plane.mean[1] = y;
     plane.mean[2] = z;
@@ -44,19 +66,8 @@ void fit_plane(Window& window, const Points& points, Index begin, Index end) {
                            {xz - total * x * z, yz - total * y * z, zz - total * z * z}};
     double vectors[3][3];
     eigen(square, vectors, 3);
-    const int least = find_least(square, 3);
-    int middle = (least + 1) % 3, largest = (least + 2) % 3;
-    if (square[middle][middle] > square[largest][largest]) {
-        std::swap(middle, largest);
-    }
-    const int order[3] = {least, middle, largest};
-    for (int axis = 0; axis < 3; ++axis) {
-        const int k = order[axis];
-        plane.moments[axis] = std::max(square[k][k], 0.0);
-        for (int j = 0; j < 3; ++j) {
-            plane.axes[axis][j] = vectors[j][k];
-        }
-    }
+    const double values[3] = {square[0][0], square[1][1], square[2][2]};
+    set_axes(values, vectors, plane);
 }
 
 // Tells a plane from a line: it is wider than the least standard deviation.

@@ -38,6 +38,25 @@ struct SectionRoom {
     }
 };
 
+[[gnu::always_inline]] inline bool is_in(const double* point, const Box& box) {
+    bool inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+        inside &= (box.low[axis] <= point[axis]) & (point[axis] <= box.high[axis]);
+    }
+    return inside;
+}
+
+// Returns whether the box of a node and another have no place in common.
+[[gnu::always_inline]] inline bool is_apart(const Tree& tree, Index node, const Box& box) {
+    const double* low = tree.low.row(node);
+    const double* high = tree.high.row(node);
+    bool apart = false;
+    for (int axis = 0; axis < 3; ++axis) {
+        apart |= (low[axis] > box.high[axis]) | (high[axis] < box.low[axis]);
+    }
+    return apart;
+}
+
 // Visits the points in the box of the core grown by a margin, faces included, in tree order.
 //
 // All points of the core, and of the others every `stride`-th, are found while there is room;
@@ -49,7 +68,6 @@ inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, doub
         box.low[axis] = tree.low(core, axis) - margin;
         box.high[axis] = tree.high(core, axis) + margin;
     }
-    const Index begin = tree.first[core], end = tree.last[core];
     const auto places = static_cast<Index>(room.found.size());
     Index count = 0, rim = 0;
     std::size_t waiting = 1;
@@ -57,7 +75,13 @@ inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, doub
     room.stack[0] = 0;
     while (waiting > 0) {
         const Index node = room.stack[--waiting], child = tree.child[node];
-        if (gap(tree, node, box) > 0) {
+        if (is_apart(tree, node, box)) {
+            continue;
+        }
+        if (node == core) {  // all of it is inside
+            for (Index i = tree.first[node]; i < tree.last[node]; ++i) {
+                found[std::min(count++, places - 1)] = i;
+            }
             continue;
         }
         if (child >= 0) {
@@ -70,13 +94,9 @@ inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, doub
         }
         for (Index i = tree.first[node]; i < tree.last[node]; ++i) {
             // Without a branch, which a processor could not predict.
-            const double* p = xyz.row(i);
-            const bool inside = (box.low[0] <= p[0]) & (p[0] <= box.high[0]) &
-                                (box.low[1] <= p[1]) & (p[1] <= box.high[1]) &
-                                (box.low[2] <= p[2]) & (p[2] <= box.high[2]);
-            const bool outer = (i < begin) | (i >= end);
-            rim += inside & outer ? 1 : 0;
-            const bool skipped = stride > 1 && outer && (rim - 1) % stride > 0;
+            const bool inside = is_in(xyz.row(i), box);
+            rim += inside ? 1 : 0;
+            const bool skipped = stride > 1 && (rim - 1) % stride > 0;
             found[std::min(count, places - 1)] = i;
             count += inside & !skipped ? 1 : 0;
         }

@@ -217,13 +217,17 @@ double centre(Window& window) {
     return scale;
 }
 
-// Fills what is behind the points with copies of the first.
-void pad(Window& window) {
+// Fills what follows from the coordinates, and what is behind the points: copies of the first.
+void prepare(Window& window) {
     for (Index i = window.n; i < window.padded; ++i) {
         window.xyz.x[i] = window.xyz.x[0];
         window.xyz.y[i] = window.xyz.y[0];
         window.xyz.z[i] = window.xyz.z[0];
         window.variance[i] = window.variance[0];
+    }
+    for (Index i = 0; i < window.n; ++i) {
+        const double quad[4] = {window.xyz.x[i], window.xyz.y[i], window.xyz.z[i], 1.0};
+        std::copy_n(quad, 4, window.xyz.quads + 4 * i);
     }
     std::fill(window.left, window.left + window.n, 1);
     std::fill(window.left + window.n, window.left + window.padded, 0);
@@ -269,7 +273,7 @@ void judge(Window& window, Index n, const Rules& rules) {
     if (!(scale > 0)) {
         return;
     }
-    pad(window);
+    prepare(window);
     std::fill(window.score, window.score + window.padded, INF);
     const double floor = rules.floor / scale;
     double noise = INF;

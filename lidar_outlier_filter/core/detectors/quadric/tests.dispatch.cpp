@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../../kernels/select.hpp"
 #include "fits.hpp"
+#include "ranks.hpp"
 #include "surfaces.hpp"
 
 namespace lidar {
@@ -59,14 +59,19 @@ Spread find_spread(Window& window, int size, const Growth& growth) {
     return {squares, freedom};
 }
 
-// Returns the residual² ÷ σ² of that rank among the kept; those up to it are in scratch.
-double rank_squares(Window& window, Index rank) {
+// Puts the residual² ÷ σ² of the kept points into scratch; returns their number.
+Index square_kept(Window& window) {
+    const double *residual = window.residual, *sigma2 = window.sigma2;
+    double* __restrict scratch = window.scratch;
+    for (Index i = 0; i < window.padded; ++i) {
+        scratch[i] = residual[i] * residual[i] / sigma2[i];
+    }
     Index count = 0;
     for (Index i = 0; i < window.n; ++i) {
-        window.scratch[count] = window.residual[i] * window.residual[i] / window.sigma2[i];
+        scratch[count] = scratch[i];
         count += window.kept[i];
     }
-    return select(window.scratch, count, rank);
+    return count;
 }
 
 double sum(const double* values, Index count) {
@@ -145,13 +150,15 @@ bool is_better(double before, double after, Index freedom, const Rules& rules) {
 bool is_bent(Window& window, const Rules& rules) {
     weigh(window);
     const Index count = count_kept(window), half = (count + 1) / 2;
-    rank_squares(window, half - 1);
+    square_kept(window);
+    select(window.scratch, count, half - 1);
     const double before_half = sum(window.scratch, half);
     const Squares all = step_from_plane(window);
     bool bent = is_better(all.before, all.after, count - (PARABOLOID - 1), rules);
     const double *residual = window.residual, *sigma2 = window.sigma2;
     for (int number = 0; number < CONCENTRATIONS; ++number) {
-        const double reach = rank_squares(window, half - 1);
+        square_kept(window);
+        const double reach = find_rank(window.scratch, count, half - 1, window.more_scratch);
         double* __restrict weight = window.weight;
         for (Index i = 0; i < window.padded; ++i) {
             const bool near = residual[i] * residual[i] / sigma2[i] <= reach;
@@ -161,7 +168,8 @@ bool is_bent(Window& window, const Rules& rules) {
             return false;
         }
     }
-    const double reach = rank_squares(window, half - 1);
+    square_kept(window);
+    const double reach = select(window.scratch, count, half - 1);
     const double after_half = sum(window.scratch, half);
     bent = bent || is_better(before_half, after_half, half - (PARABOLOID - 1), rules);
     if (bent) {

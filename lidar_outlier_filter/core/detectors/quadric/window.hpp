@@ -30,8 +30,9 @@ struct Plane {
     return (points + PACK - 1) / PACK * PACK;
 }
 
-struct Points {  // coordinates side by side
+struct Points {  // coordinates, metres or in the scale of the window
     double *x, *y, *z;
+    double* quads;  // the same point by point: x, y, z, 1
 };
 
 // Of up to `room` points; only the first n count. Behind them, up to `padded`, are copies that are
@@ -51,7 +52,7 @@ struct Window {
     double* weight;         // in the next fit
     double* test;           // T ÷ its critical value under the last surface
     double* score;          // the least of all surfaces
-    double* scratch;
+    double *scratch, *more_scratch;
     Flag* saved_kept[2];        // kept of the plane, and of the paraboloid
     Flag* left;                 // on no surface so far
     Flag* kept;                 // in the fit
@@ -76,10 +77,10 @@ struct Window {
         };
         rows = some_numbers(ROW);
         for (Points* points : {&xyz, &local, &some}) {
-            *points = {some_numbers(1), some_numbers(1), some_numbers(1)};
+            *points = {some_numbers(1), some_numbers(1), some_numbers(1), some_numbers(4)};
         }
         for (double** each : {&variance, saved_test, saved_test + 1, &residual, &sigma2, &slope,
-                              &lever, &weight, &test, &score, &scratch}) {
+                              &lever, &weight, &test, &score, &scratch, &more_scratch}) {
             *each = some_numbers(1);
         }
         Flag* flag = flags_.data();
@@ -92,7 +93,7 @@ struct Window {
     Window& operator=(const Window&) = delete;
 
 private:
-    static constexpr Index NUMBERS = ROW + 3 * 3 + 11, FLAGS = 7;  // a point has
+    static constexpr Index NUMBERS = ROW + 3 * 7 + 12, FLAGS = 7;  // a point has
     std::vector<double> numbers_;
     std::vector<Flag> flags_;
 };
