@@ -6,6 +6,8 @@
 # Arrays have the type and the number of dimensions that are said, in C order; nothing is converted.
 # TypeError: an array of another kind. ValueError: arrays that do not fit together.
 
+from typing import TypeAlias
+
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
@@ -33,8 +35,8 @@ LEAF: int
 FLOOR_WIDER: int
 FLOOR_FARTHEST: float
 
-_Buffers = tuple[Floats, Floats, Index, Index]
-_Tree = tuple[Floats, Floats, Ints, Ints, Ints]
+_Buffers: TypeAlias = tuple[Floats, Floats, Index, Index]
+_Tree: TypeAlias = tuple[Floats, Floats, Ints, Ints, Ints]
 
 def halve_node(
     buffers: _Buffers, first: int, last: int, in_spare: bool, patience: int
@@ -77,7 +79,7 @@ def tree_leaves(tree: Tree) -> Ints: ...
 
 # core/detectors: SOR, LOF, elevation, Gabriel graph -----------------------------------------------
 
-_Near = tuple[Index, Index, Ints, Index]
+_Near: TypeAlias = tuple[Index, Index, Ints, Index]
 
 def average_distances(xyz: Floats, lists: Index, begin: int, end: int, result: Floats) -> None: ...
 def write_densities(
