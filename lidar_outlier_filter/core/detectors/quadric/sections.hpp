@@ -6,9 +6,11 @@
 #pragma once
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 #include <vector>
 
+#include "../../kernels/vectors.hpp"
 #include "quadric.hpp"
 
 namespace lidar {
@@ -38,13 +40,39 @@ struct SectionRoom {
     }
 };
 
-[[gnu::always_inline]] inline bool is_in(const double* point, const Box& box) {
-    bool inside = true;
-    for (int axis = 0; axis < 3; ++axis) {
-        inside &= (box.low[axis] <= point[axis]) & (point[axis] <= box.high[axis]);
+// A box, and tests of points against it, as many at once as a register has elements.
+class PointTest {
+public:
+    PointTest(View<const double, 2> xyz, const Box& box) : xyz_(xyz) {
+        for (int k = 0; k < 3 * DOUBLES; ++k) {
+            low_[k / DOUBLES][k % DOUBLES] = box.low[k % 3];
+            high_[k / DOUBLES][k % DOUBLES] = box.high[k % 3];
+        }
     }
-    return inside;
-}
+
+    // Writes of DOUBLES points from the first on whether they are inside: 0 or 1.
+    [[gnu::always_inline]] void test(Index first, Index* inside) const {
+        double copied[3 * DOUBLES] = {};
+        const double* from = xyz_.row(first);
+        if (first + DOUBLES > xyz_.size()) {  // behind the last are no more
+            std::copy(from, xyz_.row(xyz_.size()), copied);
+            from = copied;
+        }
+        std::int64_t each[3 * DOUBLES];
+        for (int k = 0; k < 3; ++k) {
+            const Doubles values = load(from + k * DOUBLES);
+            const Wides within = (low_[k] <= values) & (values <= high_[k]);
+            std::memcpy(each + k * DOUBLES, &within, sizeof within);
+        }
+        for (int k = 0; k < DOUBLES; ++k) {
+            inside[k] = each[3 * k] & each[3 * k + 1] & each[3 * k + 2] & 1;
+        }
+    }
+
+private:
+    View<const double, 2> xyz_;
+    Doubles low_[3], high_[3];  // of x, y and z in turn, as in the rows
+};
 
 // Returns whether the box of a node and another have no place in common.
 [[gnu::always_inline]] inline bool is_apart(const Tree& tree, Index node, const Box& box) {
@@ -68,6 +96,7 @@ inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, doub
         box.low[axis] = tree.low(core, axis) - margin;
         box.high[axis] = tree.high(core, axis) + margin;
     }
+    const PointTest points(xyz, box);
     const auto places = static_cast<Index>(room.found.size());
     Index count = 0, rim = 0;
     std::size_t waiting = 1;
@@ -92,13 +121,18 @@ inline Index visit(View<const double, 2> xyz, const Tree& tree, Index core, doub
             room.stack[waiting++] = child;
             continue;
         }
-        for (Index i = tree.first[node]; i < tree.last[node]; ++i) {
+        for (Index first = tree.first[node]; first < tree.last[node]; first += DOUBLES) {
+            Index inside[DOUBLES];
+            points.test(first, inside);
+            const Index end = std::min(first + DOUBLES, tree.last[node]);
             // Without a branch, which a processor could not predict.
-            const bool inside = is_in(xyz.row(i), box);
-            rim += inside ? 1 : 0;
-            const bool skipped = stride > 1 && (rim - 1) % stride > 0;
-            found[std::min(count, places - 1)] = i;
-            count += inside & !skipped ? 1 : 0;
+            for (Index i = first; i < end; ++i) {
+                const Index is_in = inside[i - first];
+                rim += is_in;
+                const bool skipped = stride > 1 && (rim - 1) % stride > 0;
+                found[std::min(count, places - 1)] = i;
+                count += skipped ? 0 : is_in;
+            }
         }
     }
     return count;

@@ -192,23 +192,28 @@ FittedSurface grow_another(Window& window, Index left, const Rules& rules, const
 //
 // 0 if all points coincide.
 double centre(Window& window) {
-    double squares = 0;
-    for (double* each : {window.xyz.x, window.xyz.y, window.xyz.z}) {
-        // From the first point: the mean of large coordinates would be rounded.
-        const double first = each[0];
-        double total = 0;
-        for (Index i = 0; i < window.n; ++i) {
-            total += each[i] - first;
+    double* const axes[3] = {window.xyz.x, window.xyz.y, window.xyz.z};
+    // From the first point: the mean of large coordinates would be rounded.
+    const double first[3] = {axes[0][0], axes[1][0], axes[2][0]};
+    double total[3] = {}, squares = 0;
+    for (Index i = 0; i < window.n; ++i) {
+        for (int axis = 0; axis < 3; ++axis) {
+            total[axis] += axes[axis][i] - first[axis];
         }
-        const double mean = total / static_cast<double>(window.n);
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        const double mean = total[axis] / static_cast<double>(window.n);
+        double* each = axes[axis];
         for (Index i = 0; i < window.n; ++i) {
-            each[i] = (each[i] - first) - mean;
+            each[i] = (each[i] - first[axis]) - mean;
+        }
+        for (Index i = 0; i < window.n; ++i) {
             squares += each[i] * each[i];
         }
     }
     const double scale = std::sqrt(squares / static_cast<double>(window.n));
     if (scale > 0) {
-        for (double* each : {window.xyz.x, window.xyz.y, window.xyz.z}) {
+        for (double* each : axes) {
             for (Index i = 0; i < window.n; ++i) {
                 each[i] /= scale;
             }
