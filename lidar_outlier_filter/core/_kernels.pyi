@@ -8,7 +8,9 @@
 
 from typing import TypeAlias
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles
+from numpy.typing import NDArray
+
+from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles, Triple
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
 from lidar_outlier_filter.core.detectors.quadric.detector import Rules
@@ -74,6 +76,51 @@ def tree_height(tree: Tree) -> int: ...
 def tree_leaves(tree: Tree) -> Ints: ...
 
 # core/points, core/verdict, pipeline/visibility ---------------------------------------------------
+
+def mark_returns(xyz: Floats, farthest: float, result: Bools) -> int: ...
+def sort_by_line(line: Ints, t: Ints, low: int, order: Ints, first: Ints) -> Ints: ...
+def is_unchanged(order: Ints) -> bool: ...
+def link_lines(
+    t: Ints, first: Ints, gap_factor: float, interval: Floats, before: Ints, after: Ints
+) -> None: ...
+def count_turns(
+    angle: Floats, valid: Bools, noise: float, line: int, turn: Triple, result: Ints
+) -> tuple[int, float, float, float]: ...
+def find_masked(
+    xyz: Floats,
+    line: Ints,
+    valid: Bools,
+    near: Floats,
+    far: Floats,
+    tolerance: float,
+    result: Bools,
+) -> None: ...
+def find_columns(xyz: Floats, columns: int, column: Ints, distance: Floats) -> None: ...
+def move_points(
+    xyz: Floats,
+    t: Ints,
+    covered: Bools,
+    times: Ints,
+    poses: Floats,
+    mounted_at: Floats,
+    mounted: Floats,
+    result: Floats,
+) -> None: ...
+def add_scores(
+    bit: int,
+    where: Ints,
+    score: Floats,
+    largest: Singles,
+    detectors: NDArray[np.uint16],
+    undecided: NDArray[np.uint16],
+) -> None: ...
+def count_view(
+    xyz: Floats,
+    line: Ints,
+    rejected: Bools,
+    cells: tuple[Floats, Floats, Floats],
+    tally: tuple[Ints, Ints, Ints, Ints],
+) -> None: ...
 
 # core/scan_pattern --------------------------------------------------------------------------------
 

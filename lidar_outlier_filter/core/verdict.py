@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.declaration import BITS, MASKED, MASKED_REASON
 
@@ -23,8 +23,6 @@ ALL = sum(BITS)  # bits for detectors
 # Bits beside that of a detector, which say more of the point, as it declares. Alone they say
 # nothing, and have no vote.
 EXTRA = 0xFFFF & ~ALL & ~MASKED
-# Rounding to float32 must not turn a rejected point into a kept one.
-ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,8 @@ class Verdict:
 
     def add(self, bit: int, where: NDArray[np.intp], found: Scores) -> None:
         """Add the scores of one detector for some of the points; NaN means undecided."""
-        _add(np.uint16(bit), where, found.score, self.score, self.detectors, self.undecided)
+        columns = self.score, self.detectors, self.undecided
+        _kernels.add_scores(bit, where, found.score, *columns)
         if found.extra is not None:
             self.detectors[where] |= found.extra
         if found.reason is not None:
@@ -135,27 +134,3 @@ class Verdict:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
             getattr(self, field.name)[where] = getattr(result, field.name)
-
-
-@kernel
-def _add(
-    bit: np.uint16,
-    where: NDArray[np.intp],
-    score: NDArray[np.float64],
-    largest: NDArray[np.float32],
-    detectors: NDArray[np.uint16],
-    undecided: NDArray[np.uint16],
-) -> None:
-    for i in range(len(where)):
-        k = where[i]
-        if np.isnan(score[i]):
-            undecided[k] |= bit
-            continue
-        # Beyond float32 it is inf, which is as good.
-        rounded = np.float32(score[i])
-        if score[i] > 1:
-            rounded = max(rounded, ABOVE_ONE)
-            detectors[k] |= bit
-        # A comparison with NaN is false: the NaN of untested points is overwritten.
-        if not largest[k] >= rounded:
-            largest[k] = rounded

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.parameters.node import HealthLimits
 
 SECTORS = 24  # from the x axis on, against the clock
@@ -124,7 +124,8 @@ class SensorWatch:
             self._clouds += 1
             if rings > len(self._tally.kept):
                 self._tally = self._tally._replace(kept=_grown(self._tally.kept, rings))
-            _count(points.xyz, line, cloud.verdict.rejected[cloud.where], self._tally)
+            rejected = cloud.verdict.rejected[cloud.where]
+            _kernels.count_view(points.xyz, line, rejected, CELLS, self._tally)
 
     def sample(self, limits: HealthLimits, *, is_whole: bool = True) -> SensorView | None:
         """Return the view since the last sample; None: no cloud.
@@ -208,44 +209,24 @@ class _ViewTally(NamedTuple):
         return cls(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
-# Unit vectors at the edges of the sectors, the first again at the end; squares of the ranges at
-# which steps end.
-EDGES = np.array(
-    [
-        (math.cos(k * 2 * math.pi / SECTORS), math.sin(k * 2 * math.pi / SECTORS))
-        for k in (*range(SECTORS), 0)
-    ]
+class _ViewCells(NamedTuple):
+    """Where the cells of a tally begin and end."""
+
+    edges: Floats  # of the sectors: unit vectors, the first again at the end
+    bands: Floats  # squares of the ranges at which bands begin, but for the first
+    ends: Floats  # squares of the ranges at which steps end
+
+
+CELLS = _ViewCells(
+    np.array(
+        [
+            (math.cos(k * 2 * math.pi / SECTORS), math.sin(k * 2 * math.pi / SECTORS))
+            for k in (*range(SECTORS), 0)
+        ]
+    ),
+    np.array([begin * begin for begin in BANDS[1:]]),
+    np.array([*(STEP ** (2 * (k + 1)) for k in range(STEPS - 1)), math.inf]),
 )
-CLEAR = 1e-9  # rad from an edge, where rounding does not matter
-ENDS = np.array([*(STEP ** (2 * (k + 1)) for k in range(STEPS - 1)), math.inf])
-
-
-@kernel
-def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _ViewTally) -> None:
-    sector = step = 0
-    for i in range(len(line)):
-        x, y, z = xyz[i]
-        # Mostly it is clearly in the sector of the one before; an arctangent takes longer.
-        clear = CLEAR * (abs(x) + abs(y))
-        left = EDGES[sector, 0] * y - EDGES[sector, 1] * x
-        right = EDGES[sector + 1, 1] * x - EDGES[sector + 1, 0] * y
-        if not (left > clear and right > clear):
-            sector = int(np.floor(np.arctan2(y, x) * (SECTORS / (2 * np.pi)))) % SECTORS
-        square = x * x + y * y + z * z
-        band = 0
-        while band + 1 < len(BANDS) and square >= BANDS[band + 1] * BANDS[band + 1]:
-            band += 1
-        tally.points[sector, band] += 1
-        if rejected[i]:
-            tally.rejected[sector, band] += 1
-            continue
-        if 0 <= line[i] < len(tally.kept):
-            tally.kept[line[i], sector] += 1
-        while step > 0 and square < ENDS[step - 1]:
-            step -= 1
-        while square >= ENDS[step] and step < STEPS - 1:
-            step += 1
-        tally.steps[sector, step] += 1
 
 
 def _usual_share(no_return: Floats) -> float:

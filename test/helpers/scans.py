@@ -137,8 +137,8 @@ class Drive:
 def points_of(xyz: Floats, t: Ints | None = None, line: Ints | None = None) -> Points:
     """Make points, all of them valid; times and lines that are not given are 0."""
     zeros = np.zeros(len(xyz), np.int64)
-    times, lines = (zeros if given is None else given for given in (t, line))
-    return Points(xyz, times, lines, np.ones(len(xyz), np.bool_))
+    times, lines = (zeros if given is None else np.ascontiguousarray(given) for given in (t, line))
+    return Points(np.ascontiguousarray(xyz), times, lines, np.ones(len(xyz), np.bool_))
 
 
 def profile_pattern_of(points: Points) -> Pattern:

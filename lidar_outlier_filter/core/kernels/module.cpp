@@ -21,9 +21,11 @@
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
 #include "../neighbours/search.hpp"
+#include "../neighbours/tree.hpp"
 #include "../neighbours/tree_build.hpp"
 #include "../neighbours/tree_caster.hpp"
 #include "../neighbours/tree_walks.hpp"
+#include "../points/points.hpp"
 #include "../scan_pattern/pattern.hpp"
 #include "array_caster.hpp"
 #include "lanes.hpp"
@@ -71,6 +73,20 @@ template <>
 struct type_caster<lidar::Far>
     : lidar::struct_caster<lidar::Far, lidar::Near, lidar::View<const float>,
                            lidar::View<const std::int32_t, 2>> {};
+
+template <>
+struct type_caster<lidar::Turn> : lidar::struct_caster<lidar::Turn, double, double, double> {};
+
+template <>
+struct type_caster<lidar::ViewCells>
+    : lidar::struct_caster<lidar::ViewCells, lidar::View<const double, 2>,
+                           lidar::View<const double>, lidar::View<const double>> {};
+
+template <>
+struct type_caster<lidar::ViewTally>
+    : lidar::struct_caster<lidar::ViewTally, lidar::View<lidar::Index, 2>,
+                           lidar::View<lidar::Index, 2>, lidar::View<lidar::Index, 2>,
+                           lidar::View<lidar::Index, 2>> {};
 
 }  // namespace pybind11::detail
 
@@ -199,7 +215,24 @@ void bind_neighbours(py::module_& m) {
 // core/points, core/verdict, pipeline/visibility ----------------------------------------------
 
 void bind_points(py::module_& m) {
-    (void)m;
+    m.def("mark_returns", &mark_returns, arg("xyz"), arg("farthest"), arg("result"), WithoutGil());
+    m.def("sort_by_line", &sort_by_line, arg("line"), arg("t"), arg("low"), arg("order"),
+          arg("first"), WithoutGil());
+    m.def("is_unchanged", &is_unchanged, arg("order"), WithoutGil());
+    m.def("link_lines", &link_lines, arg("t"), arg("first"), arg("gap_factor"), arg("interval"),
+          arg("before"), arg("after"), WithoutGil());
+    m.def("count_turns", &count_turns, arg("angle"), arg("valid"), arg("noise"), arg("line"),
+          arg("turn"), arg("result"), WithoutGil());
+    m.def("find_masked", &find_masked, arg("xyz"), arg("line"), arg("valid"), arg("near"),
+          arg("far"), arg("tolerance"), arg("result"), WithoutGil());
+    m.def("find_columns", &find_columns, arg("xyz"), arg("columns"), arg("column"), arg("distance"),
+          WithoutGil());
+    m.def("move_points", &move_points, arg("xyz"), arg("t"), arg("covered"), arg("times"),
+          arg("poses"), arg("mounted_at"), arg("mounted"), arg("result"), WithoutGil());
+    m.def("add_scores", &add_scores, arg("bit"), arg("where"), arg("score"), arg("largest"),
+          arg("detectors"), arg("undecided"), WithoutGil());
+    m.def("count_view", &count_view, arg("xyz"), arg("line"), arg("rejected"), arg("cells"),
+          arg("tally"), WithoutGil());
 }
 
 // core/scan_pattern ---------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters.declaration import OFF, read_small
@@ -79,39 +79,10 @@ class Mask:
         tolerance : metres, in front of the nearest range and behind the farthest
 
         """
-        return _cover(points.xyz, points.line, points.valid, self.near, self.far, tolerance)
-
-
-@kernel
-def _cover(
-    xyz: Floats, line: Ints, valid: Bools, near: Floats, far: Floats, tolerance: float
-) -> Bools:
-    result = np.zeros(len(line), np.bool_)
-    for i in range(len(line)):
-        if valid[i] and 0 <= line[i] < len(near):
-            column, distance = _column(xyz[i, 0], xyz[i, 1]), _range(xyz[i])
-            low, high = near[line[i], column] - tolerance, far[line[i], column] + tolerance
-            result[i] = low <= distance <= high
-    return result
-
-
-@device_function
-def _column(x: float, y: float) -> int:
-    return int(np.floor((np.arctan2(y, x) / (2 * np.pi)) * COLUMNS)) % COLUMNS
-
-
-@device_function
-def _range(xyz: Floats) -> float:
-    return float(np.sqrt(xyz[0] * xyz[0] + xyz[1] * xyz[1] + xyz[2] * xyz[2]))
-
-
-@kernel
-def _columns_and_ranges(xyz: Floats) -> tuple[Ints, Floats]:
-    """Return the columns of N points, and their ranges, metres."""
-    column, distance = np.empty(len(xyz), np.int64), np.empty(len(xyz))
-    for i in range(len(xyz)):
-        column[i], distance[i] = _column(xyz[i, 0], xyz[i, 1]), _range(xyz[i])
-    return column, distance
+        result = np.empty(len(points), np.bool_)
+        cells = self.near, self.far
+        _kernels.find_masked(points.xyz, points.line, points.valid, *cells, tolerance, result)
+        return result
 
 
 def masked(points: Points, mask: Mask | None, parameters: FilterParameters) -> Points:
@@ -263,7 +234,8 @@ class MaskLearner:
             raise CloudError('the ring of a point', f'from 0 to {MAX_RINGS - 1}', max(high, -low))
         self._grow(high + 1)
         self._turns_of_ring[np.unique(ring)] += 1
-        column, distance = _columns_and_ranges(points.xyz)
+        column, distance = np.empty(len(points), np.int64), np.empty(len(points))
+        _kernels.find_columns(points.xyz, COLUMNS, column, distance)
         ranges = np.full(self._last.shape, np.inf)
         np.minimum.at(ranges, (ring, column // WIDE), distance)
         if not self._has_moved(ranges, place):

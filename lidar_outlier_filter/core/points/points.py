@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Allocate
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.errors import CloudError
 
 SECOND = 1_000_000_000  # nanoseconds
@@ -128,7 +128,7 @@ def no_return(count: int) -> Points:
 def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark real returns: all three coordinates finite, and not all three 0."""
     valid, _ = _find_returns(xyz)
-    return np.asarray(valid)
+    return valid
 
 
 def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -144,7 +144,7 @@ def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     if absurd >= 0:
         got = ', '.join(f'{value:g}' for value in xyz[absurd].tolist())
         raise CloudError('the coordinates of a point', f'within {FARTHEST:g} m, NaN or Inf', got)
-    return np.asarray(valid)
+    return valid
 
 
 def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str) -> None:
@@ -198,18 +198,10 @@ def _step(far: float, unit: float) -> float:
     return float(np.spacing(np.float32(far / unit))) * unit
 
 
-@kernel
 def _find_returns(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
     """Return which points are returns, and the index of the first beyond ``FARTHEST``, or -1."""
     result = np.empty(len(xyz), np.bool_)
-    absurd = -1
-    for i in range(len(xyz)):
-        x, y, z = xyz[i]
-        finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
-        result[i] = finite and (x != 0 or y != 0 or z != 0)
-        if finite and absurd < 0 and max(abs(x), abs(y), abs(z)) > FARTHEST:
-            absurd = i
-    return result, absurd
+    return result, _kernels.mark_returns(xyz, FARTHEST, result)
 
 
 def concatenate(parts: Sequence[Points]) -> Points:

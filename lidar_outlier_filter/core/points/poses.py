@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
 KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
 MAX_POSES = 200_000
-TINY = 1e-9  # radians between two poses that are as good as one
 ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
 
 
@@ -130,16 +129,16 @@ class Track:
             if not covered.any():
                 return points, covered
             self._is_new = False  # the points have caught up
-        table = np.array(poses)
-        moved = _move(
+        moved = np.empty((len(points), 3))
+        _kernels.move_points(
             points.xyz,
             points.t,
             covered,
             np.array(times),
-            table[:, :3],
-            table[:, 3:],
+            np.array(poses),
             mounting.position,
             mounting.matrix,
+            moved,
         )
         return replace(points, xyz=moved, own=points.in_own_frame.xyz), covered
 
@@ -173,68 +172,3 @@ def _is_covered(t: Ints, times: list[int], longest: int) -> Bools:
     is_between = (following > t) & (following - near <= longest)
     covered: Bools = (before >= 0) & ((near == t) | is_between)
     return covered
-
-
-@kernel
-def _move(
-    xyz: Floats,
-    t: Ints,
-    covered: Bools,
-    times: Ints,
-    positions: Floats,
-    quaternions: Floats,
-    mounted_at: Floats,
-    mounted: Floats,
-) -> Floats:
-    """Move every covered point by the pose at its own time; others stay where they are."""
-    result = xyz.copy()
-    q, v, last = np.empty(4), np.empty(3), len(times) - 1
-    for i in range(len(t)):
-        if not covered[i]:
-            continue
-        # At a pose itself the share is 0: whether there is another behind it makes no difference.
-        before = np.searchsorted(times, t[i], side='right') - 1
-        after = min(before + 1, last)
-        share = 0.0
-        if after > before:
-            share = (t[i] - times[before]) / (times[after] - times[before])
-        _slerp(quaternions[before], quaternions[after], share, q)
-        for j in range(3):
-            v[j] = mounted_at[j] + mounted[j, 0] * xyz[i, 0]
-            v[j] += mounted[j, 1] * xyz[i, 1]
-            v[j] += mounted[j, 2] * xyz[i, 2]
-        # v + 2 w (u × v) + 2 u × (u × v), with u the vector of the quaternion and w its scalar.
-        x = 2 * (q[1] * v[2] - q[2] * v[1])
-        y = 2 * (q[2] * v[0] - q[0] * v[2])
-        z = 2 * (q[0] * v[1] - q[1] * v[0])
-        result[i, 0] = v[0] + q[3] * x + q[1] * z - q[2] * y
-        result[i, 1] = v[1] + q[3] * y + q[2] * x - q[0] * z
-        result[i, 2] = v[2] + q[3] * z + q[0] * y - q[1] * x
-        for j in range(3):
-            p0, p1 = positions[before, j], positions[after, j]
-            result[i, j] += p0 + share * (p1 - p0)
-    return result
-
-
-@device_function
-def _slerp(q0: Floats, q1: Floats, share: float, result: Floats) -> None:
-    """Interpolate between unit quaternions along the shorter arc (Shoemake 1985)."""
-    dot = 0.0
-    for j in range(4):
-        dot += q0[j] * q1[j]
-    sign = 1.0 if dot >= 0 else -1.0  # q and -q are one rotation
-    difference = total = 0.0
-    for j in range(4):
-        difference += (sign * q1[j] - q0[j]) ** 2
-        total += (sign * q1[j] + q0[j]) ** 2
-    angle = 2 * np.arctan2(np.sqrt(difference), np.sqrt(total))
-    weight0, weight1 = 1 - share, share
-    if share > 0 and angle > TINY:
-        weight0, weight1 = np.sin(weight0 * angle), np.sin(weight1 * angle)
-    norm = 0.0
-    for j in range(4):
-        result[j] = weight0 * q0[j] + sign * weight1 * q1[j]
-        norm += result[j] ** 2
-    if share > 0:
-        for j in range(4):
-            result[j] /= np.sqrt(norm)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.points.points import Points
 
 # Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
@@ -50,7 +50,8 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     low, high = int(line.min()), int(line.max())
     # Lines are numbered densely in all but odd streams: counting beats sorting there.
     if high - low <= 4 * len(t) + 1024:
-        order, first, back = _count_lines(line, t, low, high - low + 1)
+        order, first = np.empty(len(t), np.int64), np.empty(high - low + 2, np.int64)
+        back = _kernels.sort_by_line(line, t, low, order, first)
         if len(back) <= FEW_LINES:
             # Of rows of a range image, each is in two pieces: numpy joins them.
             for begin, end in zip(first[back], first[back + 1], strict=True):
@@ -60,15 +61,6 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     return np.lexsort((t, line)).astype(np.int64)
 
 
-@kernel
-def is_unchanged(order: NDArray[np.int64]) -> bool:
-    """Return whether an order leaves everything where it is."""
-    for i in range(len(order)):  # noqa: SIM110  a kernel
-        if order[i] != i:
-            return False
-    return True
-
-
 def find_lines(points: Points, gap_factor: float) -> Lines:
     """Find lines and segments of points that are sorted by line and time.
 
@@ -76,8 +68,14 @@ def find_lines(points: Points, gap_factor: float) -> Lines:
     later; a gap of exactly that length does not end it.
     """
     first = line_starts(points.line)
-    interval, before, after = _link(points.t, first, gap_factor)
-    return Lines(first, interval, before, after)
+    lines = Lines(
+        first,
+        interval=np.empty(len(first) - 1),
+        before=np.empty(len(points), np.int64),
+        after=np.empty(len(points), np.int64),
+    )
+    _kernels.link_lines(points.t, first, gap_factor, lines.interval, lines.before, lines.after)
+    return lines
 
 
 def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -149,57 +147,6 @@ def has_lines(points: Points) -> bool:
     return bool(np.ptp(points.line) > 0 or np.ptp(points.t) > 0) if len(points) else False
 
 
-@kernel
-def _count_lines(
-    line: NDArray[np.int64], t: NDArray[np.int64], low: int, count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Sort stably by line with a counting sort.
-
-    Returns the order, where each line begins in it, and which lines go back in time.
-    """
-    first = np.zeros(count + 1, np.int64)
-    for i in range(len(line)):
-        first[line[i] - low + 1] += 1
-    for j in range(count):
-        first[j + 1] += first[j]
-    order, back = np.empty(len(line), np.int64), np.zeros(count, np.bool_)
-    rank, latest = first.copy(), np.full(count, t.min())
-    for i in range(len(line)):
-        j = line[i] - low
-        order[rank[j]] = i
-        rank[j] += 1
-        back[j] |= t[i] < latest[j]
-        latest[j] = t[i]
-    return order, first, np.flatnonzero(back)
-
-
-@kernel
-def _link(
-    t: NDArray[np.int64], first: NDArray[np.int64], gap_factor: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Join neighbours of one line unless a gap parts them."""
-    lines = len(first) - 1
-    interval = np.zeros(lines)
-    before = np.full(len(t), -1, np.int64)
-    after = np.full(len(t), -1, np.int64)
-    differences = np.empty(len(t))
-    for line in range(lines):
-        begin, end = first[line], first[line + 1]
-        count = 0
-        for i in range(begin + 1, end):
-            if t[i] > t[i - 1]:
-                differences[count] = t[i] - t[i - 1]
-                count += 1
-        if count:
-            interval[line] = median(differences, count)
-        longest = gap_factor * interval[line]
-        for i in range(begin + 1, end):
-            if t[i] - t[i - 1] <= longest:
-                after[i - 1] = i
-                before[i] = i - 1
-    return interval, before, after
-
-
 class LineCounter:
     """Numbers the scan lines of a sensor that does not number them itself."""
 
@@ -210,6 +157,7 @@ class LineCounter:
 
     def reset(self) -> None:
         """Forget the angles so far: what comes has nothing to do with them."""
+        # The last angle, the furthest in the sense of rotation, and the sum of the small steps.
         self._turn = (np.nan, np.nan, 0.0)
 
     def next_line(self, count: int) -> NDArray[np.int64]:
@@ -234,44 +182,7 @@ class LineCounter:
             one whose angle is not finite.
 
         """
-        line, self._line, *turn = _count_turns(angle, valid, self._line, *self._turn)
+        line = np.empty(len(angle), np.int64)
+        self._line, *turn = _kernels.count_turns(angle, valid, NOISE, self._line, self._turn, line)
         self._turn = (turn[0], turn[1], turn[2])
         return line
-
-
-@kernel
-def _count_turns(
-    angle: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    line: int,
-    before: float,
-    furthest: float,
-    travel: float,
-) -> tuple[NDArray[np.int64], int, float, float, float]:
-    """Count the turns; ``travel`` is the sum of the small steps so far, within half a turn."""
-    result = np.empty(len(angle), np.int64)
-    for i in range(len(angle)):
-        if valid[i] and np.isfinite(angle[i]):
-            # The first angle ever is no wrap: a comparison with NaN is false.
-            step = _wrapped(angle[i] - before)
-            sense = 0.0 if abs(travel) < NOISE else np.sign(travel)
-            ahead = sense * _wrapped(angle[i] - furthest)
-            if sense * step < -NOISE:
-                line += 1
-                furthest = angle[i]
-            elif sense == 0 or not -NOISE <= ahead <= 0:
-                line += abs(angle[i] - furthest) > np.pi
-                furthest = angle[i]
-            if abs(step) <= NOISE:
-                travel = min(max(travel + step, -np.pi), np.pi)
-            before = angle[i]
-        result[i] = line
-    return result, line, before, furthest, travel
-
-
-@device_function
-def _wrapped(step: float) -> float:
-    """Return the shorter way round; half a turn keeps its sign."""
-    if step > np.pi:
-        return step - 2 * np.pi
-    return step + 2 * np.pi if step < -np.pi else step
