@@ -149,6 +149,35 @@ def edge_lengths(xyz: Floats, ends: Index) -> Floats: ...
 
 # core/detectors/alpha_beta_gamma ------------------------------------------------------------------
 
+def predict_in_tiles(
+    columns: Floats, pad: int, windows: tuple[int, int, int, int, bool], result: Floats
+) -> None: ...
+def predict_one_by_one(
+    columns: Floats,
+    pad: int,
+    before: Ints,
+    after: Ints,
+    which: Ints,
+    slots: Ints,
+    windows: tuple[int, int, int, int, bool],
+    result: Floats,
+) -> None: ...
+def find_near_ends(before: Ints, after: Ints, reach_before: int, reach_after: int) -> Ints: ...
+def estimate_precision(standard: Floats, first: Ints, floor: float, result: Floats) -> None: ...
+def score_windows(
+    standard: Floats,
+    precision: Floats,
+    which: Ints,
+    critical: float,
+    either: bool,
+    score: Floats,
+    rank: Floats,
+) -> None: ...
+def find_worst(
+    failing: Ints, rank: Floats, before: Ints, after: Ints, reach: int, result: Bools
+) -> None: ...
+def unlink_points(worst: Ints, before: Ints, after: Ints, reach: int, rejected: Bools) -> Ints: ...
+
 # core/detectors/quadric ---------------------------------------------------------------------------
 
 SURFACE_POINTS: int  # of a surface, at least

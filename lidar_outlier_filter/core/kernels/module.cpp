@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "../detectors/alpha_beta_gamma/alpha_beta_gamma.hpp"
 #include "../detectors/boosted_trees/neighbour_trees.hpp"
 #include "../detectors/distances.hpp"
 #include "../detectors/elevation.hpp"
@@ -76,6 +77,11 @@ struct type_caster<lidar::Far>
 
 template <>
 struct type_caster<lidar::Turn> : lidar::struct_caster<lidar::Turn, double, double, double> {};
+
+template <>
+struct type_caster<lidar::Windows>
+    : lidar::struct_caster<lidar::Windows, lidar::Index, lidar::Index, lidar::Index, lidar::Index,
+                           bool> {};
 
 template <>
 struct type_caster<lidar::ViewCells>
@@ -264,7 +270,21 @@ void bind_detectors(py::module_& m) {
 // core/detectors/alpha_beta_gamma -------------------------------------------------------------
 
 void bind_alpha_beta_gamma(py::module_& m) {
-    (void)m;
+    m.def("predict_in_tiles", AT_LEVEL(predict_in_tiles), arg("columns"), arg("pad"),
+          arg("windows"), arg("result"), WithoutGil());
+    m.def("predict_one_by_one", AT_LEVEL(predict_one_by_one), arg("columns"), arg("pad"),
+          arg("before"), arg("after"), arg("which"), arg("slots"), arg("windows"), arg("result"),
+          WithoutGil());
+    m.def("find_near_ends", &find_near_ends, arg("before"), arg("after"), arg("reach_before"),
+          arg("reach_after"), WithoutGil());
+    m.def("estimate_precision", &estimate_precision, arg("standard"), arg("first"), arg("floor"),
+          arg("result"), WithoutGil());
+    m.def("score_windows", &score_windows, arg("standard"), arg("precision"), arg("which"),
+          arg("critical"), arg("either"), arg("score"), arg("rank"), WithoutGil());
+    m.def("find_worst", &find_worst, arg("failing"), arg("rank"), arg("before"), arg("after"),
+          arg("reach"), arg("result"), WithoutGil());
+    m.def("unlink_points", &unlink_points, arg("worst"), arg("before"), arg("after"), arg("reach"),
+          arg("rejected"), WithoutGil());
 }
 
 // core/detectors/quadric ----------------------------------------------------------------------

@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.normal_equations import (
     AFTER,
     BEFORE,
     CENTRED,
-    SINGULAR,
     WEIGHT,
     Series,
     T,
@@ -38,6 +37,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import ParameterError
 
 COORDINATES = 3
+SINGULAR = 1e-10  # det N below this part of the product of its diagonal: no prediction
 
 
 def residuals(series: Series, which: NDArray[np.int64], parameters: AlphaBetaGamma) -> Floats:
