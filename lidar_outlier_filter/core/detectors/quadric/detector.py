@@ -28,9 +28,10 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import leaves
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-SECTIONS = 64  # that a thread judges at once
+SECTIONS = 64  # that a thread judges at once, at least
 PATCHES = 1024
 LEAVES = 512
+PARTS = 32  # of a cloud, at most: each checks the whole tree
 FREEDOMS = 1000  # degrees of freedom in the tables; beyond, quantiles do not change
 
 
@@ -122,7 +123,7 @@ def _positions(neighbourhood: Neighbourhood) -> Ints:
     threads.run(
         lambda begin, end: _kernels.sort_leaves(xyz, tree, these[begin:end], place),
         len(these),
-        LEAVES,
+        max(LEAVES, -(-len(these) // PARTS)),
         neighbourhood.threads,
     )
     return place
@@ -137,7 +138,8 @@ def _sections(
     def work(begin: int, end: int) -> tuple[Ints, Floats]:
         return _kernels.judge_sections(xyz, variance, tree, cores[begin:end], section, rules, score)
 
-    others = threads.run(work, len(cores), SECTIONS, neighbourhood.threads)
+    chunk = max(SECTIONS, -(-len(cores) // PARTS))
+    others = threads.run(work, len(cores), chunk, neighbourhood.threads)
     failed = ~(score <= 1)
     for index, value in others:  # the least counts
         of_failed = failed[index]
