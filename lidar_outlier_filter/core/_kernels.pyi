@@ -8,6 +8,7 @@
 
 from typing import TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles, Triple
