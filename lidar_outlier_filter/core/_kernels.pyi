@@ -8,15 +8,18 @@
 
 from typing import TypeAlias
 
-import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles, Triple
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import Far, Near
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FirstPass
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import Segments
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.detectors.quadric.detector import Rules
 from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 # core/kernels -------------------------------------------------------------------------------------
 
@@ -220,3 +223,37 @@ def judge_far(
 ) -> None: ...
 
 # core/detectors/boosted_trees: scan patterns ------------------------------------------------------
+
+def add_trees(trees: Trees, features: Singles, total: Singles) -> None: ...
+def add_contributions(trees: Trees, means: Singles, values: Singles, added: Singles) -> None: ...
+def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> None: ...
+def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None: ...
+def find_segments(pattern: Pattern, reach: float) -> tuple[Index, Index]: ...
+def join_segments(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Index: ...
+def describe_groups(pattern: Pattern, segments: Segments, group: Index) -> Singles: ...
+def write_groups(
+    pattern: Pattern, segments: Segments, group: Index, described: Singles, out: Singles
+) -> None: ...
+def judge_pattern(
+    prepared: Prepared,
+    first: FirstPass,
+    second: bool,
+    asked: Bools,
+    trees: Trees,
+    column: Ints,
+    begin: int,
+    end: int,
+    odds: Singles,
+    values: Singles,
+) -> None: ...
+def count_scores(pattern: Pattern, score: Singles) -> tuple[Index, Singles, float]: ...
+def scale_odds(
+    pattern: Pattern,
+    odds: Singles,
+    least: float,
+    limit: float,
+    begin: int,
+    end: int,
+    score: Floats,
+    rejected: Bools,
+) -> None: ...

@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores, measure
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_lab.training.held_out import HeldOut
 
@@ -72,7 +73,7 @@ def judge_pass(
     judged = np.ones(values.shape[1], np.bool_) if odds is None else odds > doubtful
     result = np.empty(len(judged), np.float32) if odds is None else odds.copy()
     total = np.empty(int(judged.sum()), np.float32)
-    add_up(trees, np.ascontiguousarray(values[:, judged]), total)
+    _kernels.add_trees(trees, np.ascontiguousarray(values[:, judged]), total)
     result[judged] = total
     return result
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
@@ -19,7 +20,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     NAMES,
     SURVEY_MODEL,
     Trees,
-    add_up,
 )
 from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -85,7 +85,7 @@ class SceneSeen:
             return first_odds(neighbours(self.hood, self.around), trees)
         which, result = np.flatnonzero(odds > RECIPE.doubtful), odds.copy()
         total = np.empty(len(which), np.float32)
-        add_up(trees, self._values(which, odds), total)
+        _kernels.add_trees(trees, self._values(which, odds), total)
         result[which] = total
         return result
 

@@ -15,6 +15,7 @@
 
 #include "../detectors/alpha_beta_gamma/alpha_beta_gamma.hpp"
 #include "../detectors/boosted_trees/neighbour_trees.hpp"
+#include "../detectors/boosted_trees/pattern_trees.hpp"
 #include "../detectors/distances.hpp"
 #include "../detectors/elevation.hpp"
 #include "../detectors/gabriel.hpp"
@@ -93,6 +94,32 @@ struct type_caster<lidar::ViewTally>
     : lidar::struct_caster<lidar::ViewTally, lidar::View<lidar::Index, 2>,
                            lidar::View<lidar::Index, 2>, lidar::View<lidar::Index, 2>,
                            lidar::View<lidar::Index, 2>> {};
+
+template <>
+struct type_caster<lidar::Pattern>
+    : lidar::struct_caster<
+          lidar::Pattern, lidar::View<const lidar::Index>, lidar::View<const lidar::Index, 2>,
+          lidar::View<const lidar::Index>, lidar::View<const lidar::Index>,
+          lidar::View<const float>, lidar::View<const float>, lidar::View<const float>,
+          lidar::View<const float>, lidar::View<const double>, lidar::View<const float, 2>,
+          lidar::View<const float>, lidar::View<const float>, lidar::View<const float>,
+          lidar::View<const float, 2>, lidar::View<const float>, lidar::View<const float>,
+          lidar::View<const float>, lidar::View<const float>> {};
+
+template <>
+struct type_caster<lidar::Prepared>
+    : lidar::struct_caster<lidar::Prepared, lidar::Pattern, lidar::View<const float>,
+                           lidar::View<const std::int32_t, 2>, lidar::View<const float, 2>> {};
+
+template <>
+struct type_caster<lidar::FirstPass>
+    : lidar::struct_caster<lidar::FirstPass, lidar::View<const float>,
+                           lidar::View<const std::int32_t>, lidar::View<const float>, double> {};
+
+template <>
+struct type_caster<lidar::Segments>
+    : lidar::struct_caster<lidar::Segments, lidar::View<const std::int32_t>,
+                           lidar::View<const std::int32_t>> {};
 
 }  // namespace pybind11::detail
 
@@ -320,7 +347,27 @@ void bind_neighbour_trees(py::module_& m) {
 // core/detectors/boosted_trees: scan patterns -------------------------------------------------
 
 void bind_pattern_trees(py::module_& m) {
-    (void)m;
+    m.def("add_trees", AT_LEVEL(add_trees), arg("trees"), arg("features"), arg("total"),
+          WithoutGil());
+    m.def("add_contributions", AT_LEVEL(add_contributions), arg("trees"), arg("means"),
+          arg("values"), arg("added"), WithoutGil());
+    m.def("write_roughness", AT_LEVEL(write_roughness), arg("pattern"), arg("begin"), arg("end"),
+          arg("rough"), WithoutGil());
+    m.def("find_beside", AT_LEVEL(find_beside), arg("pattern"), arg("begin"), arg("end"),
+          arg("near"), WithoutGil());
+    m.def("find_segments", &find_segments, arg("pattern"), arg("reach"), WithoutGil());
+    m.def("join_segments", &join_segments, arg("pattern"), arg("near"), arg("reach"),
+          arg("segments"), WithoutGil());
+    m.def("describe_groups", &describe_groups, arg("pattern"), arg("segments"), arg("group"),
+          WithoutGil());
+    m.def("write_groups", &write_groups, arg("pattern"), arg("segments"), arg("group"),
+          arg("described"), arg("out"), WithoutGil());
+    m.def("judge_pattern", AT_LEVEL(judge_pattern), arg("prepared"), arg("first"), arg("second"),
+          arg("asked"), arg("trees"), arg("column"), arg("begin"), arg("end"), arg("odds"),
+          arg("values"), WithoutGil());
+    m.def("count_scores", &count_scores, arg("pattern"), arg("score"), WithoutGil());
+    m.def("scale_odds", &scale_odds, arg("pattern"), arg("odds"), arg("least"), arg("limit"),
+          arg("begin"), arg("end"), arg("score"), arg("rejected"), WithoutGil());
 }
 
 }  // namespace

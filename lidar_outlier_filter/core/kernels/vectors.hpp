@@ -6,6 +6,10 @@
 // the level's registers (wider types are taken apart badly).
 #pragma once
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -105,6 +109,109 @@ typedef std::int64_t Wides __attribute__((vector_size(WIDTH * 4)));  // masks of
 
 [[gnu::always_inline]] inline Singles single(Counts counts) {
     return __builtin_convertvector(counts, Singles);
+}
+
+[[gnu::always_inline]] inline bool any(Counts mask) {
+#if defined(__AVX512F__)
+    return _mm512_test_epi32_mask(reinterpret_cast<__m512i>(mask),
+                                  reinterpret_cast<__m512i>(mask)) != 0;
+#elif defined(__AVX__)
+    return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+#else
+    std::int32_t some = 0;
+    for (int i = 0; i < WIDTH; ++i) {
+        some |= mask[i];
+    }
+    return some != 0;
+#endif
+}
+[[gnu::always_inline]] inline bool all(Counts mask) {
+    return !any(~mask);
+}
+// Returns the numbers from the first on.
+[[gnu::always_inline]] inline Counts follow(std::int32_t first) {
+    Counts result;
+    for (int i = 0; i < WIDTH; ++i) {
+        result[i] = i;
+    }
+    return result + first;
+}
+
+// Returns the elements at these indices.
+[[gnu::always_inline]] inline Singles take(const float* from, Counts at) {
+#if defined(__AVX512F__)
+    // Under a mask, because g++ warns of what the other one leaves open.
+    return reinterpret_cast<Singles>(_mm512_mask_i32gather_ps(
+        _mm512_setzero_ps(), 0xFFFF, reinterpret_cast<__m512i>(at), from, sizeof(float)));
+#elif defined(__AVX2__)
+    return reinterpret_cast<Singles>(
+        _mm256_i32gather_ps(from, reinterpret_cast<__m256i>(at), sizeof(float)));
+#else
+    Singles result;
+    for (int i = 0; i < WIDTH; ++i) {
+        result[i] = from[at[i]];
+    }
+    return result;
+#endif
+}
+[[gnu::always_inline]] inline Counts take(const std::int32_t* from, Counts at) {
+#if defined(__AVX512F__)
+    return reinterpret_cast<Counts>(_mm512_mask_i32gather_epi32(
+        _mm512_setzero_si512(), 0xFFFF, reinterpret_cast<__m512i>(at), from, sizeof(float)));
+#elif defined(__AVX2__)
+    return reinterpret_cast<Counts>(
+        _mm256_i32gather_epi32(from, reinterpret_cast<__m256i>(at), sizeof(float)));
+#else
+    Counts result;
+    for (int i = 0; i < WIDTH; ++i) {
+        result[i] = from[at[i]];
+    }
+    return result;
+#endif
+}
+
+// As many doubles as there are singles in a vector: a lower and an upper half.
+struct DoublePair {
+    Doubles low, high;
+
+    [[gnu::always_inline]] DoublePair operator-(const DoublePair& other) const {
+        return {low - other.low, high - other.high};
+    }
+};
+[[gnu::always_inline]] inline DoublePair load_pair(const double* from) {
+    return {load(from), load(from + DOUBLES)};
+}
+[[gnu::always_inline]] inline DoublePair take(const double* from, Counts at) {
+    DoublePair result;
+#if defined(__AVX512F__)
+    const __m512d none = _mm512_setzero_pd();
+    const auto low =
+        reinterpret_cast<__m256i>(__builtin_shufflevector(at, at, 0, 1, 2, 3, 4, 5, 6, 7));
+    const auto high =
+        reinterpret_cast<__m256i>(__builtin_shufflevector(at, at, 8, 9, 10, 11, 12, 13, 14, 15));
+    result.low =
+        reinterpret_cast<Doubles>(_mm512_mask_i32gather_pd(none, 0xFF, low, from, sizeof(double)));
+    result.high =
+        reinterpret_cast<Doubles>(_mm512_mask_i32gather_pd(none, 0xFF, high, from, sizeof(double)));
+#else
+    for (int i = 0; i < DOUBLES; ++i) {
+        result.low[i] = from[at[i]];
+        result.high[i] = from[at[DOUBLES + i]];
+    }
+#endif
+    return result;
+}
+[[gnu::always_inline]] inline Singles single(const DoublePair& pair) {  // rounded
+    typedef float Halves __attribute__((vector_size(DOUBLES * 4)));
+    const Halves low = __builtin_convertvector(pair.low, Halves);
+    const Halves high = __builtin_convertvector(pair.high, Halves);
+#if defined(__AVX512F__)
+    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif defined(__AVX__)
+    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+#else
+    return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+#endif
 }
 
 }  // namespace LEVEL

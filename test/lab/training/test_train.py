@@ -12,12 +12,12 @@ from helpers.scans import edges, pattern_of, sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     NAMES,
     SURVEY_MODEL,
     Trees,
-    add_up,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.errors import FilterError, RecordingError
@@ -72,7 +72,7 @@ def test_exported_trees_are_the_learner(rows: int, least: int) -> None:
     at_limits = rng.choice(trees.limit[trees.limit < 9], values.shape)
     for seen in (values, at_limits):
         total = np.empty(rows, np.float32)
-        add_up(trees, seen, total)
+        _kernels.add_trees(trees, seen, total)
         assert total == pytest.approx(learner.decision_function(seen.T), abs=1e-5)
 
 

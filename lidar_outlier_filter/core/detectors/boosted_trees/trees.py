@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Reals, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
-from lidar_outlier_filter.core.kernels.kernels import kernel, noalias_kernel
+from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.kernels.vectors import WIDTH, repeat, select, store
 from lidar_outlier_filter.core.kernels.vectors import load as vector
@@ -151,17 +152,6 @@ def find_valleys(log_odds: Reals, thresholds: Floats, drop: float) -> Floats:
     return np.where(above >= max(MANY * len(log_odds), MIN_ABOVE), valley, thresholds)
 
 
-@kernel
-def add_up(trees: Trees, features: Singles, total: Singles) -> None:
-    """Write the sums (W,) of any number of points with these features (F, W)."""
-    some, sums = np.empty((len(features), LANES), np.float32), np.empty(LANES, np.float32)
-    for begin in range(0, len(total), LANES):
-        count = min(LANES, len(total) - begin)
-        some[:, :count] = features[:, begin : begin + count]
-        add_lanes(trees, some, sums)
-        total[begin : begin + count] = sums[:count]
-
-
 @noalias_kernel
 def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
     """Write the sums (LANES,) of points with these features (F, LANES), in single precision."""
@@ -182,8 +172,7 @@ def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
 def contribute(trees: Trees, values: Singles) -> Singles:
     """Return what each feature adds to the log-odds of W points with these values, both (F, W)."""
     added = np.zeros(values.shape, np.float32)
-    # Always C order: each further memory layout would be compiled again.
-    _add_up(trees, find_means(trees), np.ascontiguousarray(values), added)
+    _kernels.add_contributions(trees, find_means(trees), np.ascontiguousarray(values), added)
     return added
 
 
@@ -197,15 +186,3 @@ def find_means(trees: Trees) -> Singles:
     for node in range(QUESTIONS - 1, -1, -1):
         means[:, node] = np.float32(0.5) * (means[:, 2 * node + 1] + means[:, 2 * node + 2])
     return means
-
-
-@kernel
-def _add_up(trees: Trees, means: Singles, values: Singles, added: Singles) -> None:
-    for k in range(values.shape[1]):
-        for tree in range(len(trees.feature)):
-            f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
-            node = 0
-            while node < QUESTIONS:
-                number = 2 * node + (2 if values[f[node], k] > t[node] else 1)
-                added[f[node], k] += mean[number] - mean[node]
-                node = number

@@ -22,6 +22,7 @@ from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
@@ -247,8 +248,8 @@ def test_groups_equal_naive(lost: float, reach: float) -> None:
         far[(np.abs(drive.line - line) < 2) & (np.abs(drive.angle - angle) < 0.06)] *= part
     pattern = profile_pattern_of(drive.measured(far))
     near = prepare(pattern).near
-    segments = profile.find_segments(pattern, reach)
-    group = profile.join(pattern, near, reach, segments)
+    segments = profile.Segments(*_kernels.find_segments(pattern, reach))
+    group = _kernels.join_segments(pattern, near, reach, segments)
     rings = lines_of(pattern)
     expected = naive.groups(rings, pattern.apart.tolist(), reach)
     got: dict[int, list[tuple[int, int]]] = {}
@@ -300,8 +301,8 @@ def test_features_of_the_widest_group() -> None:
     of_tube = tube[pattern.order[has_return]]
     neighbours, found = prepare(pattern).near, {}
     for reach in profile.REACHES:
-        segments = profile.find_segments(pattern, reach)
-        group = profile.join(pattern, neighbours, reach, segments)
+        segments = profile.Segments(*_kernels.find_segments(pattern, reach))
+        group = _kernels.join_segments(pattern, neighbours, reach, segments)
         found[reach] = np.unique(group[segments.of[has_return]][of_tube])
         assert (found[reach] >= 0).all()
     assert [len(found[reach]) for reach in profile.REACHES] == [1, 2]

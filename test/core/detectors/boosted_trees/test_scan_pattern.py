@@ -11,6 +11,7 @@ import pytest
 from helpers.scans import RATE, TURN_NS, measured, pattern_of, points_of, sweep
 from naive import scan_pattern as naive
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.boosted_trees import pattern_trees
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
@@ -23,7 +24,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     Trees,
-    add_up,
     find_valleys,
     load,
 )
@@ -275,7 +275,7 @@ def test_trees_are_those_of_loops() -> None:
     value = rng.standard_normal((20, 8)).astype(np.float32)
     points = rng.integers(-3, 4, (5, 40)).astype(np.float32)
     total = np.empty(40, np.float32)
-    add_up(Trees(feature, limit, value, np.float32(0.5)), points, total)
+    _kernels.add_trees(Trees(feature, limit, value, np.float32(0.5)), points, total)
     for n in range(40):
         expected = np.float32(0.5)
         for f, at, v in zip(feature.tolist(), limit.tolist(), value.tolist(), strict=True):
@@ -333,3 +333,33 @@ def test_a_range_at_an_edge_belongs_to_what_is_nearer() -> None:
     for k in np.flatnonzero(there):
         alike = there & (octave == octave[k])
         assert found.share[k] == np.float32((score[alike] > 0).mean())
+
+
+def test_refuses_what_does_not_fit() -> None:
+    """Nothing is read or written beyond an array, whatever numbers there are."""
+    pattern = pattern_of(sweep(1, 0.3))
+    prepared, trees = prepare(pattern), load().first
+    size, lines = len(pattern.order), len(pattern.first)
+    odds, asked = np.zeros(size, np.float32), np.ones(size, np.bool_)
+    none = pattern_trees.NO_FIRST_PASS
+    rest = np.empty(0, np.int64), 0, lines, odds, np.empty((0, 0), np.float32)
+    with pytest.raises(TypeError, match='array of float32'):
+        _kernels.write_roughness(pattern, 0, lines, np.zeros(size))
+    far = trees._replace(feature=trees.feature + np.int32(40))
+    beyond = prepared._replace(near=prepared.near + np.int32(size))
+    short = prepared._replace(pattern=pattern._replace(x=pattern.x[:-1]))
+    moved = prepared._replace(pattern=pattern._replace(last=pattern.last + 100))
+    for some, second, given, known in (
+        (prepared, False, asked, far),
+        (beyond, False, asked, trees),
+        (short, False, asked, trees),
+        (moved, False, asked, trees),
+        (prepared, True, asked, trees),
+        (prepared, False, asked[:-1], trees),
+    ):
+        with pytest.raises(ValueError, match='must'):
+            _kernels.judge_pattern(some, none, second, given, known, *rest)
+    with pytest.raises(ValueError, match='begin and end'):
+        _kernels.write_roughness(pattern, 0, lines + 1, odds)
+    with pytest.raises(ValueError, match='indices'):
+        _kernels.scale_odds(pattern, odds, -8.0, 1.0, 0, lines, np.zeros(3), asked)
