@@ -17,14 +17,12 @@ struct NearLists {
     View<const std::int32_t> more;
 };
 
-FOR_EACH_LEVEL(
-    // Writes the mean distance of a range of points to the neighbours in their lists.
-    void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists, Index begin,
-                           Index end, View<double> result);
-    // Divides 1 by the mean reach distance, from squared k-distances.
-    void write_densities(NearLists near, View<const double, 2> xyz, View<const double> square,
-                         Index begin, Index end, View<double> density);)
-
+// Writes the mean distance of a range of points to the neighbours in their lists.
+void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists, Index begin,
+                       Index end, View<double> result);
+// Divides 1 by the mean reach distance, from squared k-distances.
+void write_densities(NearLists near, View<const double, 2> xyz, View<const double> square,
+                     Index begin, Index end, View<double> density);
 // Divides the mean density of the neighbours by the own one.
 void write_density_ratios(NearLists near, View<const double> density, Index begin, Index end,
                           View<double> factor);

@@ -4,11 +4,13 @@
 // Arrays of NumPy as the kernels see them: without Python, and without an owner.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -124,14 +126,16 @@ inline void check_indices(View<T> indices, Index size) {
 template <typename T>
 inline void check_indices(Rows<T> rows, Index begin, Index end, Index size) {
     check_range(begin, end, rows.size());
-    bool fits = true;
+    using Unsigned = std::make_unsigned_t<std::remove_const_t<T>>;  // negative ones are huge
+    Unsigned most = 0;
     for (Index i = begin; i < end; ++i) {
         const T* const row = rows.row(i);
         for (Index j = 0; j < rows.shape[1]; ++j) {
-            fits &= 0 <= row[j] && static_cast<Index>(row[j]) < size;
+            most = std::max(most, static_cast<Unsigned>(row[j]));
         }
     }
-    check(fits, "indices must lie within the array that they are of");
+    check(begin == end || rows.shape[1] == 0 || most < static_cast<std::uint64_t>(size),
+          "indices must lie within the array that they are of");
 }
 
 }  // namespace lidar

@@ -277,10 +277,10 @@ void bind_scan_pattern(py::module_& m) {
 // core/detectors: SOR, LOF, elevation, Gabriel graph ------------------------------------------
 
 void bind_detectors(py::module_& m) {
-    m.def("average_distances", AT_LEVEL(average_distances), arg("xyz"), arg("lists"), arg("begin"),
+    m.def("average_distances", &average_distances, arg("xyz"), arg("lists"), arg("begin"),
           arg("end"), arg("result"), WithoutGil());
-    m.def("write_densities", AT_LEVEL(write_densities), arg("near"), arg("xyz"), arg("square"),
-          arg("begin"), arg("end"), arg("density"), WithoutGil());
+    m.def("write_densities", &write_densities, arg("near"), arg("xyz"), arg("square"), arg("begin"),
+          arg("end"), arg("density"), WithoutGil());
     m.def("write_density_ratios", &write_density_ratios, arg("near"), arg("density"), arg("begin"),
           arg("end"), arg("factor"), WithoutGil());
     m.def("sort_rows_as_given", &sort_rows_as_given, arg("first"), arg("order"), arg("position"),

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <limits>
+#include <new>
 #include <vector>
 
 #include "../kernels/array_view.hpp"
@@ -29,10 +30,36 @@ inline constexpr Index SURPLUS =
 inline constexpr Index STEPS = 16;  // towards the limit; ties may make it impossible
 inline constexpr Index RANKED = 128;  // up to here counting smaller ones is faster than to sort
 
+// Numbers at the begin of a line of the cache: a vector of them lies in one.
+template <typename T>
+struct Allocator {
+    using value_type = T;
+    static constexpr std::align_val_t LINE{64};
+
+    Allocator() = default;
+    template <typename Other>
+    Allocator(const Allocator<Other>&) {}
+    T* allocate(std::size_t count) {
+        return static_cast<T*>(operator new(count * sizeof(T), LINE));
+    }
+    void deallocate(T* held, std::size_t) {
+        operator delete(held, LINE);
+    }
+    bool operator==(const Allocator&) const {
+        return true;
+    }
+    bool operator!=(const Allocator&) const {
+        return false;
+    }
+};
+
+template <typename T>
+using Buffer = std::vector<T, Allocator<T>>;
+
 // Distances from one point, and the points that they are of, numbered in tree order.
 struct Candidates {
-    std::vector<double> distance;
-    std::vector<std::int32_t> index;
+    Buffer<double> distance;
+    Buffer<std::int32_t> index;
 
     explicit Candidates(Index size)
         : distance(static_cast<std::size_t>(size)), index(static_cast<std::size_t>(size)) {}
@@ -42,24 +69,41 @@ inline Index padded(Index count) {
     return (count + STROKE - 1) / STROKE * STROKE;
 }
 
-[[gnu::always_inline]] inline Index sum(Wides values) {
-    Index total = 0;
-    for (int i = 0; i < DOUBLES; ++i) {
-        total += values[i];
+// How many distances are not greater than a bound.
+struct Count {
+#if defined(__AVX512F__)
+    Index found = 0;
+    [[gnu::always_inline]] void add(Doubles distance, Doubles bound) {
+        found += __builtin_popcount(_mm512_cmp_pd_mask(distance, bound, _CMP_LE_OQ));
     }
-    return total;
-}
+    Index total() const {
+        return found;
+    }
+#else
+    Wides found{};
+    [[gnu::always_inline]] void add(Doubles distance, Doubles bound) {
+        found -= distance <= bound;
+    }
+    Index total() const {
+        Index sum = 0;
+        for (int i = 0; i < DOUBLES; ++i) {
+            sum += found[i];
+        }
+        return sum;
+    }
+#endif
+};
 
 // Counts those of the first `size` distances, whole strokes, that are not greater than the limit.
 inline Index count_up_to(const double* distance, Index size, double limit) {
     const Doubles bound = repeat(limit);
-    Wides one{}, other{};
+    Count one, other;
     static_assert(STROKE % (2 * DOUBLES) == 0, "two vectors at a time");
     for (Index i = 0; i < size; i += 2 * DOUBLES) {
-        one -= load(distance + i) <= bound;
-        other -= load(distance + i + DOUBLES) <= bound;
+        one.add(load(distance + i), bound);
+        other.add(load(distance + i + DOUBLES), bound);
     }
-    return sum(one + other);
+    return one.total() + other.total();
 }
 
 struct Limit {
@@ -141,48 +185,47 @@ inline void sort_ties(const Index* order, const double* few, const std::int32_t*
     }
 }
 
-// Writes for each of one to four vectors of distances, from `i` on, how many of all are nearer.
+// Writes for each of some vectors of keys, from `i` on, how many of all are smaller.
 template <int VECTORS>
-[[gnu::always_inline]] inline void count_nearer(const double* few, Index size, Index i,
-                                                std::int64_t* ranks) {
-    Doubles own[VECTORS];
-    Wides nearer[VECTORS];
+[[gnu::always_inline]] inline void count_smaller(const float* keys, Index count, Index i,
+                                                 std::int32_t* ranks) {
+    Singles own[VECTORS];
+    Counts smaller[VECTORS];
     for (int v = 0; v < VECTORS; ++v) {
-        own[v] = load(few + i + v * DOUBLES);
-        nearer[v] = Wides{};
+        own[v] = load(keys + i + v * WIDTH);
+        smaller[v] = Counts{};
     }
-    for (Index j = 0; j < size; ++j) {
-        const Doubles other = repeat(few[j]);
+    for (Index j = 0; j < count; ++j) {
+        const Singles other = repeat(keys[j]);
         for (int v = 0; v < VECTORS; ++v) {
-            nearer[v] -= other < own[v];
+            smaller[v] -= other < own[v];
         }
     }
     for (int v = 0; v < VECTORS; ++v) {
-        std::memcpy(ranks + i + v * DOUBLES, &nearer[v], sizeof nearer[v]);
+        store(ranks + i + v * WIDTH, smaller[v]);
     }
 }
 
 // Sorts by counting for each of the few how many are nearer; false, and unsorted, with ties.
-inline bool rank(double* few, const std::int32_t* few_index, Index count, double* best,
+//
+// Rounded to singles, of which a vector holds twice as many: that keeps the order of those that
+// remain different, and nearly always all do.
+inline bool rank(const double* few, const std::int32_t* few_index, Index count, double* best,
                  std::int32_t* best_index) {
-    const Index size = (count + DOUBLES - 1) / DOUBLES * DOUBLES;
-    std::fill(few + count, few + size, INF);
-    std::int64_t ranks[RANKED];
-    Index i = 0;
-    for (; i + 4 * DOUBLES <= size; i += 4 * DOUBLES) {
-        count_nearer<4>(few, count, i, ranks);
+    alignas(64) float keys[RANKED + 2 * WIDTH];
+    alignas(64) std::int32_t ranks[RANKED + 2 * WIDTH];
+    for (Index i = 0; i < count; ++i) {
+        keys[i] = static_cast<float>(few[i]);
     }
-    for (; i + 2 * DOUBLES <= size; i += 2 * DOUBLES) {
-        count_nearer<2>(few, count, i, ranks);
-    }
-    for (; i < size; i += DOUBLES) {
-        count_nearer<1>(few, count, i, ranks);
+    std::fill(keys + count, keys + count + 2 * WIDTH, std::numeric_limits<float>::infinity());
+    for (Index i = 0; i < count; i += 2 * WIDTH) {
+        count_smaller<2>(keys, count, i, ranks);
     }
     Index total = 0;
-    for (Index j = 0; j < count; ++j) {
-        best[ranks[j]] = few[j];
-        best_index[ranks[j]] = few_index[j];
-        total += ranks[j];
+    for (Index i = 0; i < count; ++i) {
+        best[ranks[i]] = few[i];
+        best_index[ranks[i]] = few_index[i];
+        total += ranks[i];
     }
     // The ranks are 0, 1, 2 … if no two are equal.
     return total == count * (count - 1) / 2;

@@ -22,7 +22,7 @@ namespace {
 
 // What to expect of the next leaf: the mean distance of the k-th neighbours in the last one, times
 // this; and of the next point: the last one's, times that.
-constexpr double REACH = 1.3, GUESS = 1.15;
+constexpr double REACH = 1.6, GUESS = 1.15;
 constexpr Index ROUNDS = 6;  // of growing a reach that was much too short
 constexpr Index HELD = 512,
                 HELD_EACH = 16;  // candidates that are held, and more for each neighbour
@@ -133,19 +133,17 @@ private:
     // are, or -1 if they are too many to be held. Point q of the leaf `home` is q + shift_.
     Index collect(Index home, const Box& box, double reach) {
         Index* const stack = nodes_.data();
-        Index count = 0, waiting = 1;
+        Index count = 0, waiting = gap(tree_, 0, box) > reach ? 0 : 1;
         stack[0] = 0;
         shift_ = 0;
         while (waiting > 0) {
-            const Index node = stack[--waiting];
-            if (gap(tree_, node, box) > reach) {
-                continue;
-            }
-            const Index child = tree_.child[node];
-            if (child >= 0) {
+            const Index node = stack[--waiting], child = tree_.child[node];
+            if (child >= 0) {  // whether a child is within reach, nobody could predict
+                const auto [left, right] = are_within(child, box, reach);
                 stack[waiting] = child + 1;
-                stack[waiting + 1] = child;
-                waiting += 2;
+                waiting += right;
+                stack[waiting] = child;
+                waiting += left;
                 continue;
             }
             const Index first = tree_.first[node], last = seen(node);
@@ -155,6 +153,7 @@ private:
             if (node == home) {
                 shift_ = count - first;
             }
+            // All points of the leaf itself stay, so that each finds itself.
             count = copy(first, last, box, node == home ? INF : reach, count);
         }
         std::fill_n(x_.begin() + count, padded(count) - count, INF);
@@ -163,45 +162,109 @@ private:
         return count;
     }
 
-    // Copies the points of a range that are within reach of the box, without a branch.
-    //
-    // All points of the leaf itself stay, so that each finds itself.
+    // Whether a node and the next one are within reach of the box: 0 or 1.
+    std::array<Index, 2> are_within(Index node, const Box& box, double reach) const {
+#if defined(__AVX512F__)
+        const __m512d low = _mm512_maskz_loadu_pd(0x3F, tree_.low.row(node));
+        const __m512d high = _mm512_maskz_loadu_pd(0x3F, tree_.high.row(node));
+        const auto twice = [](const double* p) {
+            return Doubles{p[0], p[1], p[2], p[0], p[1], p[2], 0, 0};
+        };
+        const Doubles beside = most(most(low - twice(box.high), twice(box.low) - high), Doubles{});
+        const Doubles squares = beside * beside;
+        const Doubles y = __builtin_shufflevector(squares, squares, 1, 2, 3, 4, 5, 6, 7, 0);
+        const Doubles z = __builtin_shufflevector(squares, squares, 2, 3, 4, 5, 6, 7, 0, 1);
+        const __mmask8 near =
+            _mm512_cmp_pd_mask((squares + y) + z, _mm512_set1_pd(reach), _CMP_LE_OQ);
+        return {near & 1, near >> 3 & 1};
+#else
+        return {gap(tree_, node, box) <= reach ? 1 : 0, gap(tree_, node + 1, box) <= reach ? 1 : 0};
+#endif
+    }
+
+    // Copies the points of a range that are within reach of the box, without a branch; returns how
+    // many are copied then.
     Index copy(Index first, Index last, const Box& box, double reach, Index count) {
+#if defined(__AVX512F__)
+        for (; first < last; first += 8) {
+            count = copy_eight(first, std::min<Index>(last - first, 8), box, reach, count);
+        }
+#else
         for (Index p = first; p < last; ++p) {
             const double* const from = xyz_.row(p);
-            double beside[3];
-            for (int axis = 0; axis < 3; ++axis) {  // as in gap()
-                beside[axis] = std::max(
-                    std::max(from[axis] - box.high[axis], box.low[axis] - from[axis]), 0.0);
-            }
             const std::size_t to = static_cast<std::size_t>(count);
             x_[to] = from[0];
             y_[to] = from[1];
             z_[to] = from[2];
             near_.index[to] = static_cast<std::int32_t>(p);
-            const double distance =
-                (beside[0] * beside[0] + beside[1] * beside[1]) + beside[2] * beside[2];
-            count += distance <= reach ? 1 : 0;
+            count += gap_to(from, box) <= reach ? 1 : 0;
         }
+#endif
         return count;
     }
+
+#if defined(__AVX512F__)
+    struct Sides {
+        __m512d of[3];
+    };
+
+    // Returns three coordinates of up to eight points side by side, from their rows.
+    static Sides side_by_side(const double* from, Index points) {
+        const unsigned there = (1U << (3 * static_cast<unsigned>(points))) - 1;
+        const __m512d a = _mm512_maskz_loadu_pd(static_cast<__mmask8>(there), from);
+        const __m512d b = _mm512_maskz_loadu_pd(static_cast<__mmask8>(there >> 8), from + 8);
+        const __m512d c = _mm512_maskz_loadu_pd(static_cast<__mmask8>(there >> 16), from + 16);
+        const auto pick = [&](__m512i first_two, __m512i all) {
+            return _mm512_permutex2var_pd(_mm512_permutex2var_pd(a, first_two, b), all, c);
+        };
+        return {{pick(_mm512_setr_epi64(0, 3, 6, 9, 12, 15, 0, 0),
+                      _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 10, 13)),
+                 pick(_mm512_setr_epi64(1, 4, 7, 10, 13, 0, 0, 0),
+                      _mm512_setr_epi64(0, 1, 2, 3, 4, 8, 11, 14)),
+                 pick(_mm512_setr_epi64(2, 5, 8, 11, 14, 0, 0, 0),
+                      _mm512_setr_epi64(0, 1, 2, 3, 4, 9, 12, 15))}};
+    }
+
+    Index copy_eight(Index first, Index points, const Box& box, double reach, Index count) {
+        const Sides from = side_by_side(xyz_.row(first), points);
+        Doubles squares[3];
+        for (int axis = 0; axis < 3; ++axis) {
+            const Doubles at = from.of[axis];
+            const Doubles beside =
+                most(most(at - repeat(box.high[axis]), repeat(box.low[axis]) - at), Doubles{});
+            squares[axis] = beside * beside;
+        }
+        const Doubles distance = (squares[0] + squares[1]) + squares[2];
+        const __mmask8 there = static_cast<__mmask8>((1U << static_cast<unsigned>(points)) - 1);
+        const __mmask8 near =
+            _mm512_mask_cmp_pd_mask(there, distance, _mm512_set1_pd(reach), _CMP_LE_OQ);
+        double* const to[3] = {x_.data() + count, y_.data() + count, z_.data() + count};
+        for (int axis = 0; axis < 3; ++axis) {
+            _mm512_storeu_pd(to[axis], _mm512_maskz_compress_pd(near, from.of[axis]));
+        }
+        const __m256i number = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(first)),
+                                                _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(near_.index.data() + count),
+                            _mm256_maskz_compress_epi32(near, number));
+        return count + __builtin_popcount(near);
+    }
+#endif
 
     // Writes the squared distances of the point from all candidates; returns how many are within
     // the reach, and within the guess.
     std::array<Index, 2> measure(const double* point, Index size, double reach) {
         const Doubles x = repeat(point[0]), y = repeat(point[1]), z = repeat(point[2]);
         const Doubles farthest = repeat(reach), guess = repeat(guess_);
-        Wides within{}, guessed{};
+        Count within, guessed;
         for (Index i = 0; i < size; i += DOUBLES) {
-            const Doubles dx = load(&x_[static_cast<std::size_t>(i)]) - x;
-            const Doubles dy = load(&y_[static_cast<std::size_t>(i)]) - y;
-            const Doubles dz = load(&z_[static_cast<std::size_t>(i)]) - z;
+            const std::size_t at = static_cast<std::size_t>(i);
+            const Doubles dx = load(&x_[at]) - x, dy = load(&y_[at]) - y, dz = load(&z_[at]) - z;
             const Doubles distance = (dx * dx + dy * dy) + dz * dz;
-            store(&near_.distance[static_cast<std::size_t>(i)], distance);
-            within -= distance <= farthest;
-            guessed -= distance <= guess;
+            store(&near_.distance[at], distance);
+            within.add(distance, farthest);
+            guessed.add(distance, guess);
         }
-        return {sum(within), sum(guessed)};
+        return {within.total(), guessed.total()};
     }
 
     // Searches point q among all candidates within reach, and writes its list. Returns 0, or the
@@ -337,9 +400,9 @@ private:
     const Index k_, room_;
     double reach_ = 0, guess_ = 0, sum_ = 0;
     Index shift_ = 0;
-    std::vector<double> x_, y_, z_;  // of the candidates, side by side
-    Candidates near_, few_, best_;   // these; those that may be among the k nearest; sorted
-    std::vector<Index> nodes_;       // a stack for walks through the tree
+    Buffer<double> x_, y_, z_;      // of the candidates, side by side
+    Candidates near_, few_, best_;  // these; those that may be among the k nearest; sorted
+    std::vector<Index> nodes_;      // a stack for walks through the tree
     std::vector<double> gaps_;
 };
 

@@ -54,6 +54,14 @@ inline double gap(const Tree& tree, Index node, const Box& box) {
     return (dx * dx + dy * dy) + dz * dz;
 }
 
+// Returns the squared distance between a point and a box, as gap() does.
+inline double gap_to(const double* point, const Box& box) {
+    const double dx = std::max(std::max(point[0] - box.high[0], box.low[0] - point[0]), 0.0);
+    const double dy = std::max(std::max(point[1] - box.high[1], box.low[1] - point[1]), 0.0);
+    const double dz = std::max(std::max(point[2] - box.high[2], box.low[2] - point[2]), 0.0);
+    return (dx * dx + dy * dy) + dz * dz;
+}
+
 // Returns the squared distance of two points, in the order of operations of the search.
 inline double squared(const double* p, const double* q) {
     const double dx = p[0] - q[0], dy = p[1] - q[1], dz = p[2] - q[2];

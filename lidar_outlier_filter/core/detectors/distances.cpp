@@ -5,12 +5,12 @@
 
 #include "distances.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "../neighbours/tree.hpp"
 
 namespace lidar {
-namespace LEVEL {
 
 void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists, Index begin,
                        Index end, View<double> result) {
@@ -21,7 +21,7 @@ void average_distances(View<const double, 2> xyz, Rows<const std::int32_t> lists
     for (Index p = begin; p < end; ++p) {
         double total = 0;
         for (Index m = 0; m < k; ++m) {
-            total += std::sqrt(squared(xyz.row(p), xyz.row(lists(p, m))));
+            total += std::sqrt(LEVEL::squared(xyz.row(p), xyz.row(lists(p, m))));
         }
         result[p] = total / static_cast<double>(k);
     }
@@ -40,11 +40,10 @@ void write_densities(NearLists near, View<const double, 2> xyz, View<const doubl
         double total = 0;
         for (Index m = 0; m < count; ++m) {
             const Index o = list[m];
-            total += std::sqrt(std::max(square[o], squared(xyz.row(p), xyz.row(o))));
+            total += std::sqrt(std::max(square[o], LEVEL::squared(xyz.row(p), xyz.row(o))));
         }
         density[p] = static_cast<double>(count) / total;
     }
 }
 
-}  // namespace LEVEL
 }  // namespace lidar
