@@ -11,9 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
+from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.kernels.threads import Result
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
@@ -47,7 +48,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
     """
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
-    some = in_parts(lambda part: part[numbers(part) < limit], xyz, where, threads)
+    some = in_parts(lambda part: part[_kernels.numbers(part) < limit], xyz, where, threads)
     few = np.concatenate([np.empty((0, 3)), *some])
     alone, _, _ = Neighbourhood(few, K, threads).distinct()
     if len(alone) <= K:
@@ -55,15 +56,6 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     distance = np.median(np.sqrt(alone.squared_distances(K)))
     # On a surface, distances are as the square root of the area that each point has.
     return float(distance * np.sqrt(len(few) / len(where))) + MIN_SCALE_M
-
-
-@kernel
-def numbers(xyz: Floats) -> Ints:
-    """Return the :func:`number` of each of N points (N, 3)."""
-    result = np.empty(len(xyz), np.int64)
-    for i in range(len(xyz)):
-        result[i] = number(xyz, i)
-    return result
 
 
 @device_function
