@@ -16,8 +16,6 @@
 namespace lidar {
 namespace LEVEL {
 
-inline constexpr double PI = 3.141592653589793;
-
 // Writes the eigenvalues, ascending (Smith 1961).
 inline void eigenvalues(const Doubles (&moment)[6], Doubles (&value)[3]) {
     const Doubles xx = moment[0], yy = moment[1], zz = moment[2];
@@ -28,10 +26,11 @@ inline void eigenvalues(const Doubles (&moment)[6], Doubles (&value)[3]) {
     a = a / s, b = b / s, c = c / s;
     const Doubles d = xy / s, e = xz / s, f = yz / s;
     const Doubles half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2.0;
+    constexpr double THIRD = 2 * 3.141592653589793 / 3;  // of a turn
     Doubles least_cosine, most_cosine;
     for (int i = 0; i < DOUBLES; ++i) {  // one by one, because there are no such functions of many
         const double angle = std::acos(std::min(std::max(half[i], -1.0), 1.0)) / 3;
-        least_cosine[i] = std::cos(angle + 2 * PI / 3);
+        least_cosine[i] = std::cos(angle + THIRD);
         most_cosine[i] = std::cos(angle);
     }
     const Doubles high = mean + 2.0 * s * most_cosine, low = mean + 2.0 * s * least_cosine;

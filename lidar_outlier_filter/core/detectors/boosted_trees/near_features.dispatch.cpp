@@ -141,7 +141,7 @@ void write_near(const Near& near, const Index* points, Steps& steps, double* sca
         const Doubles s = write_distances(others, written);
         store(scale + begin, s);
         write_heights<K>(others.z, K, s, row::below, row::sunk, written);
-        const Plane plane = find_plane(others, K);
+        const Planes plane = find_plane(others, K);
         write_off(plane, s, row::off, written);
         const Doubles nothing = repeat(0.0), x = plane.mean[0], y = plane.mean[1],
                       z = plane.mean[2];

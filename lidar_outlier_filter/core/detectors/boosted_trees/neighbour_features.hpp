@@ -23,8 +23,8 @@ inline constexpr int MAX_NEIGHBOURS = 60, FEWER_NEIGHBOURS = 20;
 inline constexpr double MIN_SCALE_M = 1e-6;   // metres that are added to scales, which may be 0
 inline constexpr double SMOOTH = 0.01;        // of s: less is not expected of any surface
 inline constexpr double EVEN_HEIGHTS = 0.02;  // of s: heights differ so much on any surface
-inline constexpr double NARROW = 1e-6;    // variances across / along, below which there is a line
-inline constexpr double MAX_VALUE = 1e6;  // features are at most so large
+inline constexpr double NARROW = 1e-6;      // variances across / along, below which there is a line
+inline constexpr double MAX_FEATURE = 1e6;  // features are at most so large
 
 // Rows of features, in the order of NEAR and FAR in features.py.
 namespace row {
@@ -47,11 +47,11 @@ struct Features {
     float* values;  // rows are LANES apart
 
     void write(int row, Doubles value) const {
-        store(values + row * LANES, least(most(value, repeat(-MAX_VALUE)), repeat(MAX_VALUE)));
+        store(values + row * LANES, least(most(value, repeat(-MAX_FEATURE)), repeat(MAX_FEATURE)));
     }
     void write_one(int row, int lane, double value) const {
         values[row * LANES + lane] =
-            static_cast<float>(std::min(std::max(value, -MAX_VALUE), MAX_VALUE));
+            static_cast<float>(std::min(std::max(value, -MAX_FEATURE), MAX_FEATURE));
     }
 };
 
@@ -63,8 +63,9 @@ struct Others {
     Doubles radii[ROWS];                // their own to their eighth neighbour, metres
 };
 
-// A plane through neighbours: their mean and second moments, and the eigenvalues and normal.
-struct Plane {
+// A plane through the neighbours of each point: their mean and second moments, and the eigenvalues
+// and normals.
+struct Planes {
     Doubles mean[3], moment[6], value[3], vector[3];
 };
 

@@ -50,7 +50,7 @@ inline void copy_sorted(const Doubles* rows, Index count, Doubles (&sorted)[ROWS
 
 // Finds the plane through the first `count` neighbours.
 template <int ROWS>
-inline Plane find_plane(const Others<ROWS>& others, Index count) {
+inline Planes find_plane(const Others<ROWS>& others, Index count) {
     const double number = static_cast<double>(count);
     Doubles x{}, y{}, z{};
     for (Index m = 0; m < count; ++m) {
@@ -69,17 +69,17 @@ inline Plane find_plane(const Others<ROWS>& others, Index count) {
         xz += a * c;
         yz += b * c;
     }
-    Plane plane{{x, y, z},
-                {xx / number, yy / number, zz / number, xy / number, xz / number, yz / number},
-                {},
-                {}};
+    Planes plane{{x, y, z},
+                 {xx / number, yy / number, zz / number, xy / number, xz / number, yz / number},
+                 {},
+                 {}};
     eigenvalues(plane.moment, plane.value);
     eigenvectors(plane.moment, plane.value, NARROW, plane.vector);
     return plane;
 }
 
 // Writes how far a point and its neighbours (rms) are from their plane, or line: three rows.
-inline void write_off(const Plane& plane, Doubles s, int row, Features values) {
+inline void write_off(const Planes& plane, Doubles s, int row, Features values) {
     const Doubles x = plane.mean[0], y = plane.mean[1], z = plane.mean[2];
     const Doubles along = x * plane.vector[0] + y * plane.vector[1] + z * plane.vector[2];
     const Doubles nothing = repeat(0.0);
