@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.detectors.quadric.detector import Rules
 from lidar_outlier_filter.core.neighbours.floor import Floor
 from lidar_outlier_filter.core.neighbours.tree_build import Tree
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import OrderedLines, Pattern
 
 # core/kernels -------------------------------------------------------------------------------------
 
@@ -127,6 +127,60 @@ def count_view(
 ) -> None: ...
 
 # core/scan_pattern --------------------------------------------------------------------------------
+
+SAME_SHOT: float
+UNKNOWN_BRIGHTNESS: float
+TURNING_LAG: int
+MIN_RANGE_M: float  # of a profile scanner
+
+def sort_nearly(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> Ints: ...
+def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None: ...
+def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original: Ints) -> int: ...
+def place_lines(
+    lines: OrderedLines,
+    phase: Floats,
+    rank: Ints,
+    begin: int,
+    end: int,
+    cells: tuple[Ints, Ints, Ints, Singles, Singles, Singles, Singles, Floats],
+) -> None: ...
+def write_ranges(
+    xyz: Floats, order: Ints, first: Ints, position: Floats, moved: Floats, distance: Floats
+) -> None: ...
+def usual_brightness(order: Ints, reach: Singles, intensity: Singles, least: int) -> Singles: ...
+def compare_brightness(
+    order: Ints,
+    reach: Singles,
+    intensity: Singles,
+    usual: Singles,
+    limits: Floats,
+    begin: int,
+    end: int,
+    bright: Singles,
+) -> None: ...
+def write_directions(
+    lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats
+) -> None: ...
+def turning_rate(azimuth: Floats, t: Ints, first: Ints) -> float: ...
+def unwrap_turns(
+    azimuth: Floats,
+    t: Ints,
+    first: Ints,
+    rate: float,
+    begin: int,
+    end: int,
+    phase: Floats,
+    steady: Ints,
+) -> None: ...
+def typical_of_lines(
+    up: Floats, phase: Floats, first: Ints, elevation: Floats, step: Floats
+) -> None: ...
+def spread(flat: Floats, z: Floats, up: float, out: float) -> float: ...
+def elevations(flat: Floats, z: Floats, up: float, out: float) -> Floats: ...
+def times_of_turn(xyz: Floats) -> Ints: ...
+def find_peaks(count: Ints, least: int) -> Ints: ...
+def fit_lines(xyz: Floats, turned: Floats) -> tuple[Floats, Floats, Floats, Floats]: ...
+def off_plane(xyz: Floats, turned: Floats) -> Floats: ...
 
 # core/detectors: SOR, LOF, elevation, Gabriel graph -----------------------------------------------
 

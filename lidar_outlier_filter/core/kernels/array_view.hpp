@@ -115,11 +115,12 @@ inline void check_range(Index begin, Index end, Index size) {
 // Refuses numbers that are used as indices and are not within `size`.
 template <typename T>
 inline void check_indices(View<T> indices, Index size) {
-    bool fits = true;
+    std::uint64_t signs = 0;  // a loop without branches or comparisons, which is fast at any level
     for (Index i = 0; i < indices.size(); ++i) {
-        fits &= 0 <= indices[i] && static_cast<Index>(indices[i]) < size;
+        const auto index = static_cast<std::uint64_t>(static_cast<Index>(indices[i]));
+        signs |= index | (static_cast<std::uint64_t>(size) - 1 - index);
     }
-    check(fits, "indices must lie within the array that they are of");
+    check(signs >> 63U == 0, "indices must lie within the array that they are of");
 }
 
 // Refuses rows of a range with numbers that are used as indices and are not within `size`.

@@ -29,6 +29,7 @@
 #include "../neighbours/tree_walks.hpp"
 #include "../points/points.hpp"
 #include "../scan_pattern/pattern.hpp"
+#include "../scan_pattern/scan_pattern.hpp"
 #include "array_caster.hpp"
 #include "lanes.hpp"
 #include "levels.hpp"
@@ -120,6 +121,19 @@ template <>
 struct type_caster<lidar::Segments>
     : lidar::struct_caster<lidar::Segments, lidar::View<const std::int32_t>,
                            lidar::View<const std::int32_t>> {};
+
+template <>
+struct type_caster<lidar::OrderedLines>
+    : lidar::struct_caster<lidar::OrderedLines, lidar::View<const double, 2>,
+                           lidar::View<const double>, lidar::View<lidar::Index>,
+                           lidar::View<const lidar::Index>> {};
+
+template <>
+struct type_caster<lidar::Cells>
+    : lidar::struct_caster<lidar::Cells, lidar::View<const lidar::Index>,
+                           lidar::View<const lidar::Index>, lidar::View<lidar::Index>,
+                           lidar::View<float>, lidar::View<float>, lidar::View<float>,
+                           lidar::View<float>, lidar::View<double>> {};
 
 }  // namespace pybind11::detail
 
@@ -271,7 +285,39 @@ void bind_points(py::module_& m) {
 // core/scan_pattern ---------------------------------------------------------------------------
 
 void bind_scan_pattern(py::module_& m) {
-    (void)m;
+    m.attr("SAME_SHOT") = base::SAME_SHOT;
+    m.attr("UNKNOWN_BRIGHTNESS") = base::UNKNOWN;
+    m.attr("TURNING_LAG") = base::LAG;
+    m.attr("MIN_RANGE_M") = base::MIN_RANGE_M;
+    m.def("sort_nearly", &sort_nearly, arg("lines"), arg("begin"), arg("end"), arg("phase"),
+          arg("up"), WithoutGil());
+    m.def("join_shots", &join_shots, arg("lines"), arg("begin"), arg("end"), arg("phase"),
+          arg("up"), WithoutGil());
+    m.def("find_copies", &find_copies, arg("lines"), arg("phase"), arg("intensity"),
+          arg("original"), WithoutGil());
+    m.def("place_lines", &place_lines, arg("lines"), arg("phase"), arg("rank"), arg("begin"),
+          arg("end"), arg("cells"), WithoutGil());
+    m.def("write_ranges", &write_ranges, arg("xyz"), arg("order"), arg("first"), arg("position"),
+          arg("moved"), arg("distance"), WithoutGil());
+    m.def("usual_brightness", &usual_brightness, arg("order"), arg("reach"), arg("intensity"),
+          arg("least"), WithoutGil());
+    m.def("compare_brightness", &compare_brightness, arg("order"), arg("reach"), arg("intensity"),
+          arg("usual"), arg("limits"), arg("begin"), arg("end"), arg("bright"), WithoutGil());
+    m.def("write_directions", AT_LEVEL(write_directions), arg("lines"), arg("begin"), arg("end"),
+          arg("azimuth"), arg("up"), WithoutGil());
+    m.def("turning_rate", AT_LEVEL(turning_rate), arg("azimuth"), arg("t"), arg("first"),
+          WithoutGil());
+    m.def("unwrap_turns", AT_LEVEL(unwrap_turns), arg("azimuth"), arg("t"), arg("first"),
+          arg("rate"), arg("begin"), arg("end"), arg("phase"), arg("steady"), WithoutGil());
+    m.def("typical_of_lines", AT_LEVEL(typical_of_lines), arg("up"), arg("phase"), arg("first"),
+          arg("elevation"), arg("step"), WithoutGil());
+    m.def("spread", AT_LEVEL(spread), arg("flat"), arg("z"), arg("up"), arg("out"), WithoutGil());
+    m.def("elevations", AT_LEVEL(elevations), arg("flat"), arg("z"), arg("up"), arg("out"),
+          WithoutGil());
+    m.def("times_of_turn", AT_LEVEL(times_of_turn), arg("xyz"), WithoutGil());
+    m.def("find_peaks", &find_peaks, arg("count"), arg("least"), WithoutGil());
+    m.def("fit_lines", AT_LEVEL(fit_lines), arg("xyz"), arg("turned"), WithoutGil());
+    m.def("off_plane", AT_LEVEL(off_plane), arg("xyz"), arg("turned"), WithoutGil());
 }
 
 // core/detectors: SOR, LOF, elevation, Gabriel graph ------------------------------------------

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import turning_rate
 
 SAMPLES = 64  # points of a ring that show where the sensor was
 MIN_RING_RETURNS, MIN_RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
@@ -72,7 +72,7 @@ def find_own_frame(points: Points, order: Ints | None = None) -> Points | None:
     rows = order[first[rings, None] + np.arange(SAMPLES) * np.diff(first)[rings, None] // SAMPLES]
     guess = _first_guess(points.xyz[rows])
     east, north, _ = (points.xyz[order] - guess).T
-    rate = SECOND * turning_rate(np.arctan2(north, east), t, first)
+    rate = SECOND * _kernels.turning_rate(np.arctan2(north, east), t, first)
     if not abs(rate) > 0.0:
         return None
     elapsed = np.diff(t)

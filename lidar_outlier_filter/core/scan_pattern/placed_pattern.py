@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 
-MAX_MOVES = 16  # for each return of a line, one by one; beyond, numpy sorts the line
-SAME_SHOT = 2e-5  # rad: nearer than that, two returns of a ring are of one beam
+SAME_SHOT = _kernels.SAME_SHOT  # rad: nearer than that, two returns of a ring are of one beam
 
 
 class OrderedLines(NamedTuple):
@@ -44,100 +43,14 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
     Lines are nearly sorted, where the head turns steadily: then few returns move, and not far.
     """
     xyz, distance, order, first = lines
-    for line in _sort_nearly(lines, begin, end, phase, up):
+    for line in _kernels.sort_nearly(lines, begin, end, phase, up):
         part = slice(first[line], first[line + 1])
         some = order[part]
         rank = np.lexsort((*xyz[some].T[::-1], distance[some], phase[part]))
         order[part], phase[part], up[part] = some[rank], phase[part][rank], up[part][rank]
 
 
-@kernel
-def _sort_nearly(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> Ints:
-    """Sort lines by insertion; return those in which too many returns would have to move."""
-    order, first = lines.order, lines.first
-    unsorted = np.empty(end - begin, np.int64)
-    count = 0
-    for line in range(begin, end):
-        low, high = first[line], first[line + 1]
-        left = MAX_MOVES * (high - low)
-        for k in range(low + 1, high):
-            if phase[k] > phase[k - 1]:
-                continue
-            m = k
-            while m > low and _is_before(lines, phase, m, m - 1):
-                phase[m], phase[m - 1] = phase[m - 1], phase[m]
-                order[m], order[m - 1] = order[m - 1], order[m]
-                up[m], up[m - 1] = up[m - 1], up[m]
-                m -= 1
-            left -= k - m
-            if left < 0:
-                unsorted[count] = line
-                count += 1
-                break
-    return unsorted[:count]
-
-
-@kernel
-def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
-    """Give all returns of a shot the phase of the first; sort them by range and position."""
-    order, first = lines.order, lines.first
-    for line in range(begin, end):
-        start = first[line]
-        for k in range(first[line] + 1, first[line + 1]):
-            if phase[k] - phase[start] >= SAME_SHOT:
-                start = k
-                continue
-            phase[k] = phase[start]
-            m = k
-            while m > start and _is_before(lines, phase, m, m - 1):
-                order[m], order[m - 1] = order[m - 1], order[m]
-                up[m], up[m - 1] = up[m - 1], up[m]
-                m -= 1
-
-
-@device_function
-def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
-    if phase[a] != phase[b]:
-        return bool(phase[a] < phase[b])
-    xyz, distance, order, _ = lines
-    i, j = order[a], order[b]
-    if distance[i] != distance[j]:
-        return bool(distance[i] < distance[j])
-    for axis in range(3):
-        if xyz[i, axis] != xyz[j, axis]:
-            return bool(xyz[i, axis] < xyz[j, axis])
-    return False
-
-
-@kernel
-def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original: Ints) -> int:
-    """Write which return each sorted one is a copy of, or its own index; count the copies.
-
-    Of several at one place the brightest is the original, so that the order given does not matter;
-    one of unknown intensity only where all are unknown.
-    """
-    xyz, _, order, first = lines
-    count = 0
-    for line in range(len(first) - 1):
-        begin = first[line]
-        for k in range(first[line], first[line + 1]):
-            original[k] = order[k]
-            i, j = order[k], order[begin]
-            same = k > begin and phase[k] == phase[begin]
-            for axis in range(3):
-                same &= xyz[i, axis] == xyz[j, axis]
-            if not same:
-                begin = k
-                continue
-            count += 1
-            best = original[begin]
-            if len(intensity) > 0 and not np.isnan(intensity[i]):
-                best = best if intensity[best] >= intensity[i] else i
-            original[begin : k + 1] = best
-    return count
-
-
-UNKNOWN = np.float32(-1.0)  # brightness
+UNKNOWN = np.float32(_kernels.UNKNOWN_BRIGHTNESS)
 STRETCH = 24  # cells on either side of a point: the reach of windows along a line
 PAD = LANES + STRETCH  # cells: as many as are read side by side, and their reach
 NOWHERE = 1e9  # rad: the phase where there is no point
@@ -244,23 +157,9 @@ def make_pattern(sizes: Ints, copies: Ints | None = None, **of_lines: Singles) -
     )
 
 
-@kernel
 def place(
     lines: OrderedLines, phase: Floats, rank: Ints, begin: int, end: int, placed: Pattern
 ) -> None:
-    """Write the lines from the lowest on."""
-    xyz, distance, order, first = lines
-    # The sorted points do not depend on the order given, and neither does the first of them.
-    origin, start = np.floor(xyz[order[0]]), phase[first[0]]
-    x, y, z, reach = placed.x, placed.y, placed.z, placed.range
-    turned, given = placed.phase, placed.order
-    for line in range(begin, end):
-        source, target = first[rank[line]], placed.first[line]
-        for k in range(placed.last[line] - target):
-            i = order[source + k]
-            given[target + k] = i
-            x[target + k] = xyz[i, 0] - origin[0]
-            y[target + k] = xyz[i, 1] - origin[1]
-            z[target + k] = xyz[i, 2] - origin[2]
-            reach[target + k] = distance[i]
-            turned[target + k] = phase[source + k] - start
+    """Write a range of the lines, which are of a rank each, from the lowest on."""
+    cells = (placed.order, placed.x, placed.y, placed.z, placed.range, placed.phase)
+    _kernels.place_lines(lines, phase, rank, begin, end, (placed.first, placed.last, *cells))

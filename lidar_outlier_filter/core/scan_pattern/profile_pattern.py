@@ -12,9 +12,9 @@ the other. All returns of a shot have its angle.
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_returns, line_starts, order_by_line
 from lidar_outlier_filter.core.points.shared_times import measure_clock, spread_times
@@ -28,7 +28,6 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 )
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     MAD_TO_SIGMA,
-    MIN_RANGE_M,
     MIN_RETURNS,
     SAMPLES,
     Scanner,
@@ -168,15 +167,17 @@ def _sort(
     points: Points, parts: list[TimedLines], scanners: list[Scanner], threads: int
 ) -> tuple[OrderedLines, Floats, Ints]:
     """Sort all lines by the angle of their mirror; return that angle (N,), and copies, too."""
+    xyz = np.ascontiguousarray(points.xyz)
     distance, phase, begin = np.empty(len(points)), np.empty(len(points)), 0
     firsts = [np.zeros(1, np.int64)]
     for k, (part, scanner) in enumerate(zip(parts, scanners, strict=True)):
-        _write_ranges(part, scanner.position, scanner.moved, distance)
+        at, moved = scanner.position, scanner.moved
+        _kernels.write_ranges(xyz, part.order, part.first, at, moved, distance)
         phase[begin : begin + len(part.t)] = scanner.turned + k * APART_RAD
         firsts.append(part.first[1:] + begin)
         begin += len(part.t)
     order = np.concatenate([part.order for part in parts])
-    lines = OrderedLines(points.xyz, distance, order, np.concatenate(firsts))
+    lines = OrderedLines(xyz, distance, order, np.concatenate(firsts))
     count, nothing = len(lines.first) - 1, np.zeros_like(phase)
     pool.run(
         lambda i, j: sort_lines(lines, i, j, phase, nothing),
@@ -207,18 +208,6 @@ def _space_out(
         'apart': noise + _moved(where).astype(np.float32),
         'level': noise * np.float32(LEVEL / NOISE),
     }
-
-
-@kernel
-def _write_ranges(lines: TimedLines, position: Floats, moved: Floats, distance: Floats) -> None:
-    """Write the distance (N,) of each point, as given, from where the scanner was, metres."""
-    xyz, order, first = lines.xyz, lines.order, lines.first
-    for line in range(len(position)):
-        for k in range(first[line], first[line + 1]):
-            i, square = order[k], 0.0
-            for axis in range(3):
-                square += (xyz[i, axis] - position[line, axis] - moved[k, axis]) ** 2
-            distance[i] = max(np.sqrt(square), MIN_RANGE_M)
 
 
 def _moved(where: Floats) -> Floats:

@@ -23,23 +23,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.eigen import eigen, find_least
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel, median
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 SAMPLES = 64  # returns of a line that show where the scanner is
 MIN_RETURNS = 32  # returns of a line, fewer show nothing
 MIN_KNOWN_SHARE = 0.5  # share of the lines whose own returns must show the scanner's position
-FITS = 3
 # Turns after which the drift of a wrong period is measured, one fit after the other.
 LAGS = (4, 16)
 SURE_SIGMAS = 2.0  # standard deviations: a smaller drift is none
 MOTION_LINES = 32  # lines that show one velocity
 MAD_TO_SIGMA = 1.4826
-MIN_WEIGHED_M = 0.5  # m: what is nearer does not weigh more
 # Steps of the mirror that a typical return may be off its angle: of a mirror that swings, or turns.
 MAX_OFF_SWING_STEPS, MAX_OFF_STEPS = 0.5, 1.0
 # From so many on, the position shows angles better than times do, unless it is this far off, rad.
@@ -50,8 +47,6 @@ POSITION_PARTS = (
     1024.0  # parts of a metre, and of m/s, that positions and velocities are rounded to
 )
 PERIOD_PARTS = 16.0  # parts of a nanosecond that the period is rounded to
-MIN_RANGE_M = 0.01  # m: least range
-TINY = np.finfo(np.float64).tiny
 EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
 UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
 LINES_AT_ONCE = 256  # that a thread fits
@@ -304,13 +299,18 @@ def _since(lines: TimedLines, some: Any, turns: Floats, period: float) -> Floats
 def median_of(values: NDArray[Any]) -> float:
     """Return the median of values, none of them NaN; 0 of none."""
     some = values.astype(np.float64)
-    return median(some, len(some)) if len(some) else 0.0
+    return _kernels.median(some, len(some)) if len(some) else 0.0
 
 
 def _usual_step(lines: TimedLines) -> float:
     """Return the median time between two shots, ns."""
     elapsed = np.diff(lines.t)
     return median_of(elapsed[elapsed > 0])
+
+
+def fit_lines(xyz: Floats, angle: Floats) -> Fit:
+    """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
+    return Fit(*_kernels.fit_lines(xyz, angle))
 
 
 def fit_all(xyz: Floats, angle: Floats, threads: int) -> Fit:
@@ -336,7 +336,10 @@ def _locate(lines: TimedLines, mirror: _Mirror, threads: int) -> Scanner | None:
     some = lines.indices(UNEVENLY)
     rays = still(lines, some, mirror.since[some], velocity) - fit.position[:, None]
     away = pool.run(
-        lambda i, j: off_plane(rays[i:j], mirror.angle[some[i:j]]), count, LINES_AT_ONCE, threads
+        lambda i, j: _kernels.off_plane(rays[i:j], mirror.angle[some[i:j]]),
+        count,
+        LINES_AT_ONCE,
+        threads,
     )
     if median_of(np.concatenate(away)[good]) > MAX_OFF_PLANE_RAD:
         return None
@@ -379,128 +382,8 @@ def _see(lines: TimedLines, position: Floats, moved: Floats, beam: Floats, angle
 
 def _sense(xyz: Floats, rank: Ints) -> Floats:
     """Return which way the mirror turns in each line, 1 or -1, by its returns (L, S, 3)."""
-    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), MIN_RANGE_M)
+    ray = xyz / np.maximum(np.sqrt((xyz**2).sum(axis=2, keepdims=True)), _kernels.MIN_RANGE_M)
     axis = np.cross(ray[:, :-1], ray[:, 1:]).sum(axis=1)[rank]
     sense = np.ones(len(rank))
     sense[rank[1:]] = np.cumprod(np.where((axis[1:] * axis[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     return sense
-
-
-@kernel
-def fit_lines(xyz: Floats, turned: Floats) -> Fit:
-    """Fit the scanner's position to S returns (L, S, 3) of each line, at mirror angles (L, S)."""
-    lines, count = turned.shape
-    fit = Fit(np.empty((lines, 3)), np.empty(lines), np.empty(lines), np.empty((lines, 2, 3)))
-    centre, at, flat = np.empty(3), np.empty((3, count)), np.empty((4, count))
-    products, axes = np.empty((3, 3)), np.empty((3, 3))
-    for line in range(lines):
-        for i in range(3):
-            centre[i] = xyz[line, :, i].mean()
-            for m in range(count):
-                at[i, m] = xyz[line, m, i] - centre[i]
-        normal = _find_axes(at, products, axes)
-        east, north = axes[:, (normal + 1) % 3], axes[:, (normal + 2) % 3]
-        for m in range(count):
-            flat[0, m] = at[0, m] * east[0] + at[1, m] * east[1] + at[2, m] * east[2]
-            flat[1, m] = at[0, m] * north[0] + at[1, m] * north[1] + at[2, m] * north[2]
-            flat[2, m], flat[3, m] = np.sin(turned[line, m]), np.cos(turned[line, m])
-        # Which side of the plane is seen is not known: the mirror turns one way or the other.
-        for sense in (1.0, -1.0):
-            x, y, off, unsure, cosine, sine = _fit_plane(flat, sense)
-            if sense > 0 or off < fit.off[line]:
-                fit.position[line] = centre + x * east + y * north
-                fit.off[line], fit.unsure[line] = off, unsure
-                fit.beam[line, 0] = cosine * east + sine * north
-                fit.beam[line, 1] = sense * (cosine * north - sine * east)
-    return fit
-
-
-@device_function
-def _fit_plane(flat: Floats, sense: float) -> tuple[float, float, float, float, float, float]:
-    """Fit the position in a plane; return how far off returns are, and how unsure it is, too.
-
-    And the cosine and sine of δ. ``flat`` (4, S): the returns there, and the sines and cosines of
-    mirror angles.
-    """
-    count = flat.shape[1]
-    rows, products, axes = np.empty((4, count)), np.empty((4, 4)), np.empty((4, 4))
-    far, off, weight = np.empty(count), np.empty(count), np.ones(count)
-    east = north = square = error = second = along = a = b = 0.0
-    for _ in range(FITS):
-        for m in range(count):
-            x, y, cosine, w = flat[0, m], flat[1, m], flat[3, m], weight[m]
-            sine = sense * flat[2, m]
-            rows[0, m], rows[1, m] = w * (x * sine - y * cosine), w * (x * cosine + y * sine)
-            rows[2, m], rows[3, m] = -w * sine, w * cosine
-        least = _find_axes(rows, products, axes)
-        a, b, c, d = axes[0, least], axes[1, least], axes[2, least], axes[3, least]
-        along = 0.0
-        square = max(a * a + b * b, TINY)
-        east, north = (c * a - d * b) / square, (c * b + d * a) / square
-        for m in range(count):
-            residual = a * rows[0, m] + b * rows[1, m] + c * rows[2, m] + d * rows[3, m]
-            x, y = flat[0, m] - east, flat[1, m] - north
-            far[m] = np.sqrt(x * x + y * y)
-            sine, cosine = sense * flat[2, m], flat[3, m]
-            along += (x * (a * cosine - b * sine) + y * (b * cosine + a * sine)) * weight[m]
-            before, weight[m] = weight[m], 1.0 / max(far[m], MIN_WEIGHED_M)
-            off[m] = abs(residual) / before * weight[m]
-        error, products[least, least] = max(products[least, least], 0.0), np.inf
-        second = max(np.diag(products).min() * square, TINY)
-    # Points that all lie where the scanner is fit any angle.
-    shown = median(far, count) > MIN_RANGE_M
-    typical = median(off, count) / np.sqrt(square) if shown else np.inf
-    # Lines through the scanner have two ends: most returns are at that which the beam points to.
-    size = np.sqrt(square) if along >= 0.0 else -np.sqrt(square)
-    return east, north, typical, np.sqrt(error / (count * second)), a / size, b / size
-
-
-@kernel
-def off_plane(xyz: Floats, turned: Floats) -> Floats:
-    """Return how far S returns of each line (L, S, 3), from the scanner, are off a plane, rad.
-
-    The median of the distances from the best plane ÷ range. The plane may move steadily along its
-    normal as the mirror turns (L, S): a scanner that drives draws a screw.
-    """
-    lines, count = turned.shape
-    found, off, rows = np.empty(lines), np.empty(count), np.empty((5, count))
-    products, axes = np.empty((3, 3)), np.empty((3, 3))
-    for line in range(lines):
-        middle = turned[line].mean()
-        for m in range(count):
-            x, y, z = xyz[line, m]
-            weight = 1.0 / max(np.sqrt(x * x + y * y + z * z), MIN_WEIGHED_M)
-            rows[0, m], rows[1, m] = weight, weight * (turned[line, m] - middle)
-            rows[2, m], rows[3, m], rows[4, m] = weight * x, weight * y, weight * z
-        # What shift and drive explain is taken off.
-        for k in range(2):
-            size = max(_dot(rows[k], rows[k]), TINY)
-            for i in range(k + 1, 5):
-                part = _dot(rows[i], rows[k]) / size
-                for m in range(count):
-                    rows[i, m] -= part * rows[k, m]
-        normal = axes[:, _find_axes(rows[2:], products, axes)]
-        for m in range(count):
-            off[m] = abs(rows[2, m] * normal[0] + rows[3, m] * normal[1] + rows[4, m] * normal[2])
-        found[line] = median(off, count)
-    return found
-
-
-@device_function
-def _find_axes(rows: Floats, products: Floats, axes: Floats) -> int:
-    """Sum up products of rows (U, S), and turn them into axes; return which is the shortest."""
-    size = len(rows)
-    for i in range(size):
-        for j in range(i + 1):
-            products[i, j] = products[j, i] = _dot(rows[i], rows[j])
-    eigen(products, axes, size)
-    return find_least(products, size)
-
-
-@device_function
-def _dot(one: Floats, other: Floats) -> float:
-    """Sum up products; np.dot depends on the library beneath it."""
-    total = 0.0
-    for m in range(len(one)):
-        total += one[m] * other[m]
-    return total

@@ -15,16 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import (
-    MIN_RING_RETURNS,
-    TURN,
-    advances,
-    arctangent,
-)
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, TURN, advances
 
 # The origin of the beams: lenses sit beside the axis, and frames begin below them, so near points
 # of a ring are not at its elevation. Seen from the right position, elevations lie closest together.
@@ -33,8 +28,6 @@ STEP_M = 0.02  # metres
 FINEST_STEP_M = 0.0005
 MOVES = 4  # with each step
 COARSE_POINTS, FINE_POINTS = 1 << 12, 1 << 14  # points of the first search, and of the others
-RANKS_ON = 4  # positions on in the order of elevations: copies lie at the same one
-MIN_GAP_RAD = 2e-5  # rad that is added to a distance: copies have none
 MIN_GAIN = 0.02  # halvings of the distance, less than which the origin is as good
 
 
@@ -55,43 +48,26 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
     """
     best, least = Origin(0.0, 0.0), math.inf
-    # Copies lie together in memory: only for such arrays the kernel is compiled beforehand.
     few, their_z = (one[:: max(1, len(z) // COARSE_POINTS)].copy() for one in (flat, z))
     for i in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
         for j in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
             tried = Origin(STEP_M * i, STEP_M * j)
-            value = spread(few, their_z, *tried)
+            value = _kernels.spread(few, their_z, *tried)
             if value < least:
                 best, least = tried, value
     flat, z = (one[:: max(1, len(z) // FINE_POINTS)].copy() for one in (flat, z))
-    least, step = spread(flat, z, *best), STEP_M / 2
+    least, step = _kernels.spread(flat, z, *best), STEP_M / 2
     while step >= FINEST_STEP_M:
         for _ in range(MOVES):
             around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
             near = [Origin(best.up + step * i, best.out + step * j) for i, j in around]
-            values = [spread(flat, z, *one) for one in near]
+            values = [_kernels.spread(flat, z, *one) for one in near]
             if min(values) >= least:
                 break
             least = min(values)
             best = near[values.index(least)]
         step /= 2
-    return best if spread(flat, z, 0.0, 0.0) > least + MIN_GAIN else Origin(0.0, 0.0)
-
-
-@kernel
-def spread(flat: Floats, z: Floats, up: float, out: float) -> float:
-    """Return the mean base-2 logarithm of the gaps between elevations seen from a position."""
-    count = len(z)
-    elevation = np.empty(count)
-    for i in range(count):
-        elevation[i] = arctangent(z[i] - up, flat[i] - out)
-    elevation.sort()
-    total = 0.0
-    for i in range(count - RANKS_ON):
-        # Straight lines between powers of two: no processor's own logarithm.
-        part, power = math.frexp(elevation[i + RANKS_ON] - elevation[i] + MIN_GAP_RAD)
-        total += power + 2.0 * (part - 1.0)
-    return total / max(count - RANKS_ON, 1)
+    return best if _kernels.spread(flat, z, 0.0, 0.0) > least + MIN_GAIN else Origin(0.0, 0.0)
 
 
 MIN_RINGS, MAX_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
@@ -106,7 +82,6 @@ FAR_M = 8.0  # metres, from which on what a beam leaves beside the origin does n
 # larger part, would be all that a ring on the ground has.
 BAND_RAD = TURN / 1440
 MIN_RING_POINTS = 6  # points of a ring, in as many columns as it is smoothed over
-VALLEY = 2  # times as many points as between two rings, at either
 NEAR_PART = 0.25  # of the angle to the nearer ring beside: so near a ring are its points
 # Share of the points that are so near. Of sensors it was 0.98 and more, and 0.89 where coordinates
 # within a room were rounded to 1 cm; of other clouds 0.66 and less.
@@ -123,7 +98,8 @@ class Rings(NamedTuple):
     def number(self, xyz: Floats) -> Ints:
         """Return the nearest ring (N,) of each point (N, 3); 0 is the lowest."""
         between = (self.angles[1:] + self.angles[:-1]) / 2.0
-        return np.searchsorted(between, elevations(*_flat(xyz), self.origin)).astype(np.int64)
+        elevation = _kernels.elevations(*_flat(xyz), *self.origin)
+        return np.searchsorted(between, elevation).astype(np.int64)
 
     def fit(self, xyz: Floats) -> bool:
         """Return whether points (N, 3) lie on these rings, by a sample of them."""
@@ -131,7 +107,7 @@ class Rings(NamedTuple):
         if len(some) < MIN_RINGS * MIN_RING_RETURNS:
             return False
         flat, z = _flat(some)
-        elevation = elevations(flat, z, self.origin)
+        elevation = _kernels.elevations(flat, z, *self.origin)
         far = is_far(elevation, np.sqrt(flat * flat + z * z))
         return _share_near(elevation[far], self.angles) >= MIN_NEAR_SHARE
 
@@ -150,7 +126,7 @@ def find_rings(xyz: Floats) -> Rings | None:
     flat, z = _flat(xyz)
     order = np.lexsort((flat, z))
     ordered = flat[order], z[order]
-    if _span(elevations(*ordered, Origin(0.0, 0.0))) < MIN_SPAN_RAD:
+    if _span(_kernels.elevations(*ordered, 0.0, 0.0)) < MIN_SPAN_RAD:
         return None
     origin = find_origin(*ordered)
     rings = find_elevations(*ordered, origin)
@@ -187,7 +163,7 @@ def find_rows(points: Points, order: Ints) -> Ints | None:
     """
     if not MIN_RINGS * MIN_RING_RETURNS <= len(points) <= MAX_TURN_POINTS:
         return None
-    azimuth: Floats = _times(points.xyz[order]).astype(np.float64) * (TURN / SECOND)
+    azimuth: Floats = _kernels.times_of_turn(points.xyz[order]).astype(np.float64) * (TURN / SECOND)
     line = points.line[order]
     if line[0] == line[-1]:
         phase = np.cumsum(_steps(azimuth))
@@ -228,7 +204,8 @@ def as_turn(points: Points) -> Points:
     """
     if points.ring is None:
         return points
-    return replace(points, line=points.ring, t=_times(points.in_own_frame.xyz))
+    xyz = np.ascontiguousarray(points.in_own_frame.xyz)
+    return replace(points, line=points.ring, t=_kernels.times_of_turn(xyz))
 
 
 def _span(elevation: Floats) -> float:
@@ -247,14 +224,14 @@ def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
     origin : where beams leave from
 
     """
-    elevation = elevations(flat, z, origin)
+    elevation = _kernels.elevations(flat, z, *origin)
     elevation = elevation[is_far(elevation, np.sqrt(flat * flat + z * z))]
     column = np.floor((elevation + TURN / 2) / COLUMN_RAD).astype(np.int64) + WIDTHS[-1]
     count = np.bincount(column, minlength=round(TURN / COLUMN_RAD) + 2 * WIDTHS[-1])
     best: Floats = np.empty(0)
     most = 0.0
     for width in WIDTHS:
-        peaks = find_peaks(_smooth(count, width), MIN_RING_POINTS * width)
+        peaks = _kernels.find_peaks(_smooth(count, width), MIN_RING_POINTS * width)
         if not MIN_RINGS <= len(peaks) <= MAX_RINGS:
             continue
         rings = (peaks.astype(np.float64) - WIDTHS[-1] + 0.5) * COLUMN_RAD - TURN / 2
@@ -304,8 +281,8 @@ def in_bands(points: Points) -> Points:
     """Take bands of elevation for the lines of valid points, and azimuths for their times."""
     xyz = points.in_own_frame.xyz
     turned = as_turn(replace(points, ring=np.zeros(len(points), np.int64)))
-    flat = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2)
-    elevation = elevations(flat, np.ascontiguousarray(xyz[:, 2]), Origin(0.0, 0.0))
+    flat, z = _flat(xyz)
+    elevation = _kernels.elevations(flat, z, 0.0, 0.0)
     reach = points.range
     # What is so near that its square is 0 has an elevation of 0.
     level = np.divide(flat, reach, out=np.ones(len(points)), where=reach > 0)
@@ -413,47 +390,3 @@ def _apart(band: Ints, elevation: Floats, turned: Ints, level: Floats) -> float:
         return np.inf
     angle = np.diff(turned[order])[same] * (TURN / SECOND) * level[order[same]]
     return float(np.median(angle))
-
-
-@kernel
-def find_peaks(count: Ints, least: int) -> Ints:
-    """Return where a histogram has peaks.
-
-    A peak has at least ``least``; somewhere between two peaks is at most 1 / ``VALLEY`` of either.
-    """
-    peaks = np.empty(len(count), np.int64)
-    number, top, index, low, climbing = 0, 0, 0, 0, True
-    for i in range(len(count)):
-        value = count[i]
-        if climbing:
-            if value > top:
-                top, index = value, i
-            elif top >= least and value * VALLEY < top:
-                peaks[number] = index
-                number += 1
-                low, climbing = value, False
-            elif value == 0:
-                top = 0
-        elif value >= least and value >= VALLEY * low:
-            top, index, climbing = value, i, True
-        else:
-            low = min(low, value)
-    return peaks[:number]
-
-
-@kernel
-def elevations(flat: Floats, z: Floats, origin: Origin) -> Floats:
-    """Return the elevation of each point from where beams leave, rad."""
-    elevation = np.empty(len(z))
-    for i in range(len(z)):
-        elevation[i] = arctangent(z[i] - origin.up, flat[i] - origin.out)
-    return elevation
-
-
-@kernel
-def _times(xyz: Floats) -> Ints:
-    """Return when a steadily turning head points at each point, nanoseconds."""
-    t = np.empty(len(xyz), np.int64)
-    for i in range(len(xyz)):
-        t[i] = np.int64(np.rint((arctangent(xyz[i, 1], xyz[i, 0]) / TURN + 0.5) * SECOND))
-    return t

@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN, turning_rate
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 MAX_BACK_SHARE = 0.005  # of returns that arrive after a later one of their ring
 MAX_JUMP_RAD = 0.2  # by which a return may be off the azimuth that its time says
@@ -41,7 +42,7 @@ def with_steady_times(points: Points, order: Ints) -> Points:
         return points
     azimuth = np.arctan2(points.xyz[:, 1], points.xyz[:, 0])
     start = int(points.t[order[0]])
-    rate = turning_rate(azimuth[order], points.t[order], line_starts(line))
+    rate = _kernels.turning_rate(azimuth[order], points.t[order], line_starts(line))
     if not abs(rate) > 0.0 or _jumps(azimuth, points.t, order, same, rate) <= MAX_JUMP_SHARE:
         return points
     behind = _wrapped(azimuth - rate * (points.t - start))
