@@ -149,7 +149,7 @@ setup(
             'archive/assets/*',
             'core/*.pyi',
         ],
-        LAB: ['py.typed', 'results/*.cpp'],
+        LAB: ['py.typed', '*.pyi', 'results/*.cpp'],
     },
     data_files=shared_files(),
     zip_safe=True,
@@ -231,7 +231,10 @@ setup(
             'types-PyYAML',
         ],
     },
-    ext_modules=[Extension(f'{NAME}.core._kernels', kernel_sources(NAME))],
+    ext_modules=[
+        Extension(f'{NAME}.core._kernels', kernel_sources(NAME)),
+        Extension(f'{LAB}._kernels', kernel_sources(LAB)),
+    ],
     cmdclass={'build_ext': BuildKernels},
     entry_points={
         'console_scripts': [

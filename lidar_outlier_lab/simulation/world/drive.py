@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Rows
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
-from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
+from lidar_outlier_lab._kernels import PANE, ROUND
 from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene
 from lidar_outlier_lab.simulation.world.sensors import Echoes, ProfileScanner, SpinningScanner

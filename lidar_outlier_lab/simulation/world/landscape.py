@@ -9,14 +9,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints
-from lidar_outlier_filter.core.kernels.kernels import device_function, kernel
 from lidar_outlier_filter.evaluation.truth import Kind
+from lidar_outlier_lab import _kernels
 
-Grids = tuple[Floats, Floats, Ints, Floats]  # ground, top, owner, highest
-
-MARCH = 0.4  # metres that a ray is followed at a time before it is below something
 BLOCK = 16  # corners to a side, of the squares that a ray is led over at once
-HALVINGS = 30  # of the last step, to find where it was met
 WAVES = 24  # that hills are made of
 EAVES = 0.3  # metres that the foot of a tree's cone is above the ground
 
@@ -55,7 +51,9 @@ class Landscape:
     def view(self, x: Floats, y: Floats) -> TopView:
         """Look at positions (N,) from straight above."""
         owner = np.zeros(len(x), np.int64)
-        height = _view(self.top, self.owner, self.cell, x, y, owner)
+        height = _kernels.view_top(
+            self.top, self.owner, self.cell, *map(np.ascontiguousarray, (x, y)), owner
+        )
         return TopView(height, _kinds(owner))
 
     def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Bytes]:
@@ -72,7 +70,9 @@ class Landscape:
         owner = np.zeros(len(depth), np.int64)
         fields = (self.ground, self.top, self.owner, _highest(self.top))
         bottom = float(self.ground.min()) - 1.0
-        distance = _descend(fields, self.cell, origin, direction, depth, bottom, owner)
+        rays = map(np.ascontiguousarray, (origin, direction, depth))
+        side = self.cell * BLOCK
+        distance = _kernels.descend(fields, self.cell, side, *rays, bottom, owner)
         return distance, _kinds(owner)
 
 
@@ -81,118 +81,12 @@ def _kinds(owner: Ints) -> Bytes:
     return kinds.astype(np.uint8)
 
 
-@device_function
-def _height(field: Floats, owner: Ints, cell: float, x: float, y: float) -> float:
-    """Height somewhere: between the four corners, or that of the nearest where owners differ."""
-    u = min(max(x / cell, 0.0), field.shape[0] - 1.000001)
-    v = min(max(y / cell, 0.0), field.shape[1] - 1.000001)
-    i, j = int(u), int(v)
-    a, b = u - i, v - j
-    mine = owner[i, j]
-    if mine == owner[i + 1, j] and mine == owner[i, j + 1] and mine == owner[i + 1, j + 1]:
-        near = field[i, j] * (1.0 - b) + field[i, j + 1] * b
-        far = field[i + 1, j] * (1.0 - b) + field[i + 1, j + 1] * b
-        return float(near * (1.0 - a) + far * a)
-    return float(field[i + (a >= 0.5), j + (b >= 0.5)])  # noqa: PLR2004  half a cell
-
-
-@device_function
-def _owner(owner: Ints, cell: float, x: float, y: float) -> int:
-    """Owner of the nearest corner."""
-    i = int(min(max(x / cell + 0.5, 0.0), owner.shape[0] - 1.0))
-    j = int(min(max(y / cell + 0.5, 0.0), owner.shape[1] - 1.0))
-    return int(owner[i, j])
-
-
-@kernel
-def _view(  # noqa: PLR0913  a kernel takes arrays
-    top: Floats, owner: Ints, cell: float, x: Floats, y: Floats, found: Ints
-) -> Floats:
-    height = np.empty(len(x))
-    for n in range(len(x)):
-        height[n] = _height(top, owner, cell, x[n], y[n])
-        found[n] = _owner(owner, cell, x[n], y[n])
-    return height
-
-
 def _highest(top: Floats) -> Floats:
     """Height above which nothing is in each square of ``BLOCK`` corners, or half a cell around."""
     padded = np.pad(top, [(0, BLOCK), (0, BLOCK)], mode='edge')
     highest: Floats = maximum_filter(padded, BLOCK + 2, mode='nearest')
     columns, rows = (slice(BLOCK // 2, side // BLOCK * BLOCK + BLOCK, BLOCK) for side in top.shape)
     return np.ascontiguousarray(highest[columns, rows])
-
-
-@device_function
-def _free(highest: Floats, side: float, o: Floats, d: Floats, far: float) -> float:
-    """Metres that a ray may go on without meeting anything: down to what is highest, or aside."""
-    x, y = o[0] + far * d[0], o[1] + far * d[1]
-    i = int(min(max(x / side, 0.0), highest.shape[0] - 1.0))
-    j = int(min(max(y / side, 0.0), highest.shape[1] - 1.0))
-    step = (highest[i, j] - o[2] - far * d[2]) / d[2]
-    for position, number, pace in ((x, i, d[0]), (y, j, d[1])):
-        border = (number + (pace > 0.0)) * side
-        step = min(step, (border - position) / pace) if pace != 0.0 else step
-    return float(step)
-
-
-@kernel
-def _descend(  # noqa: PLR0913  a kernel takes arrays
-    fields: Grids,
-    cell: float,
-    origin: Floats,
-    direction: Floats,
-    depth: Floats,
-    bottom: float,
-    found: Ints,
-) -> Floats:
-    """Follow rays down in steps, and halve the step in which something is met."""
-    ground, top, owner, highest = fields
-    distance = np.empty(len(depth))
-    for n in range(len(depth)):
-        o, d, left = origin[:, n], direction[:, n], depth[n]
-        far, end = 0.0, (bottom - o[2]) / d[2]
-        found[n] = 0
-        while far < end:
-            far += max(_free(highest, cell * BLOCK, o, d, far), MARCH)
-            x, y, z = o[0] + far * d[0], o[1] + far * d[1], o[2] + far * d[2]
-            mine = _owner(owner, cell, x, y)
-            if z <= _height(ground if mine < 0 else top, owner, cell, x, y):
-                far = _halve(fields, cell, o, d, far, through=True)
-                mine = _owner(owner, cell, o[0] + far * d[0], o[1] + far * d[1])
-                found[n] = max(mine, 0)
-                break
-            if mine < 0 and z <= _height(top, owner, cell, x, y):
-                if left <= 0.0:
-                    far = _halve(fields, cell, o, d, far, through=False) if depth[n] == 0.0 else far
-                    found[n] = mine
-                    break
-                left -= MARCH
-        distance[n] = far
-    return distance
-
-
-@device_function
-def _halve(  # noqa: PLR0913  a kernel takes arrays
-    fields: Grids,
-    cell: float,
-    o: Floats,
-    d: Floats,
-    far: float,
-    through: bool,  # noqa: FBT001  a kernel's
-) -> float:
-    """Find where in its last step a ray came below the top, or ``through`` leaves to the ground."""
-    ground, top, owner, _ = fields
-    low, high = far - MARCH, far
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2.0
-        x, y, z = o[0] + middle * d[0], o[1] + middle * d[1], o[2] + middle * d[2]
-        field = ground if through and _owner(owner, cell, x, y) < 0 else top
-        if z <= _height(field, owner, cell, x, y):
-            high = middle
-        else:
-            low = middle
-    return high
 
 
 def hills(size: tuple[float, float], cell: float, steep: float, rng: np.random.Generator) -> Floats:

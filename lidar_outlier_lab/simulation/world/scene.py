@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: surfaces and what hangs in the air between them, and what rays meet.
 
-Surfaces are rows of numbers for the kernels of :mod:`.caster`; each function at the end makes one
+Surfaces are rows of numbers, see caster.hpp; each function at the end makes one
 from its measures in metres and radians.
 
 Frame: x along the street, y to the left, z up, metres. Arrays of rays are component first,
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bytes, Floats, Ints, Triple
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
-from lidar_outlier_lab.simulation.world import caster
+from lidar_outlier_lab import _kernels
 
 Point = Triple | Floats
 
@@ -95,7 +95,7 @@ class Surface:
 
     Attributes
     ----------
-    row : (caster.WIDTH,) its numbers for the kernels
+    row : (_kernels.WIDTH,) its numbers for the kernels
     kind, pane : what it is, and what its windows are
     reflectance : share of the light that comes back at normal incidence, 0 to 1
     cause : why points on it are outliers; GOOD: they are not outliers
@@ -118,9 +118,9 @@ class Scene:
 
     @cached_property
     def table(self) -> Floats:
-        """Rows of all surfaces (S, caster.WIDTH)."""
+        """Rows of all surfaces (S, _kernels.WIDTH)."""
         rows = [thing.row for thing in self.surfaces]
-        return np.stack(rows) if rows else np.zeros((0, caster.WIDTH))
+        return np.stack(rows) if rows else np.zeros((0, _kernels.WIDTH))
 
     @cached_property
     def reflectance(self) -> Floats:
@@ -140,9 +140,8 @@ class Scene:
 
     def cast(self, rays: Rays) -> Hits:
         """Find the nearest surface on every ray."""
-        # One layout of arrays: the kernel would be compiled again for each other one.
-        origin, direction = map(np.ascontiguousarray, (rays.origin, rays.direction))
-        return Hits(*caster.cast(self.table, origin, direction, rays.t, rays.reach))
+        arrays = map(np.ascontiguousarray, (rays.origin, rays.direction, rays.t))
+        return Hits(*_kernels.cast_rays(self.table, *arrays, rays.reach))
 
 
 def towards(rays: Rays, centre: Floats, radius: float) -> NDArray[np.intp]:
@@ -157,12 +156,12 @@ def _row(
     shape: int, rest: Sequence[float], low: Point, high: Point, velocity: Triple = STILL
 ) -> Floats:
     """Lay out a row; ``low`` and ``high`` are corners of a box around the surface at t = 0."""
-    row = np.zeros(caster.WIDTH)
+    row = np.zeros(_kernels.WIDTH)
     row[0] = shape
-    row[caster.LOW : caster.HIGH] = low
-    row[caster.HIGH : caster.VELOCITY] = high
-    row[caster.VELOCITY : caster.REST] = velocity
-    row[caster.REST : caster.REST + len(rest)] = rest
+    row[_kernels.LOW : _kernels.HIGH] = low
+    row[_kernels.HIGH : _kernels.VELOCITY] = high
+    row[_kernels.VELOCITY : _kernels.REST] = velocity
+    row[_kernels.REST : _kernels.REST + len(rest)] = rest
     return row
 
 
@@ -186,7 +185,7 @@ def ground(
     low = (start, -half_width, min(crown, 0.0))
     high = (end, half_width, max(crown, 0.0))
     rest = (start, end, half_width, crown)
-    return Surface(_row(caster.GROUND, rest, low, high), kind, 0.2)
+    return Surface(_row(_kernels.GROUND, rest, low, high), kind, 0.2)
 
 
 def _corners(a: Triple, b: Triple) -> tuple[Triple, Triple]:
@@ -200,7 +199,7 @@ def box(
 ) -> Surface:
     """Put up a box with its edges along the axes between opposite corners; it may move."""
     low, high = _corners(a, b)
-    return Surface(_row(caster.BOX, (*low, *high), low, high, velocity), kind, reflectance)
+    return Surface(_row(_kernels.BOX, (*low, *high), low, high, velocity), kind, reflectance)
 
 
 def building(  # noqa: PLR0913  the measures of its windows
@@ -224,7 +223,7 @@ def building(  # noqa: PLR0913  the measures of its windows
     """
     sill, (low, high) = 0.9, _corners(a, b)
     rest = (*low, *high, pitch, storey, *window, sill, recess, open_every, float(all_around))
-    row = _row(caster.BUILDING, rest, low, high)
+    row = _row(_kernels.BUILDING, rest, low, high)
     return Surface(row, Kind.FACADE, reflectance, pane=pane)
 
 
@@ -237,7 +236,7 @@ def tube(foot: Triple, top: Triple, radius: float, kind: Kind, reflectance: floa
         raise FilterError('the ends of a tube', 'apart', f'{foot} twice')
     rest = (*foot, *(end - start) / length, radius, length)
     low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
-    return Surface(_row(caster.TUBE, rest, low, high), kind, reflectance)
+    return Surface(_row(_kernels.TUBE, rest, low, high), kind, reflectance)
 
 
 def pole(x: float, y: float, radius: float = 0.08, tall: float = 6.0) -> Surface:
@@ -252,13 +251,15 @@ def barrier_arm(
 
     It is raised by ``angle`` (rad) at ``t = 0`` and by ``rate`` (rad/s) more as time goes on.
     """
-    row = _row(caster.ARM, (*pivot, length, radius, angle, rate), *_around(pivot, length + radius))
+    row = _row(
+        _kernels.ARM, (*pivot, length, radius, angle, rate), *_around(pivot, length + radius)
+    )
     return Surface(row, Kind.ARM, 0.6, Cause.BARRIER)
 
 
 def ball(centre: Triple, radius: float, velocity: Triple = STILL) -> Surface:
     """Let a ball fly: a bird, to a scanner."""
-    row = _row(caster.BALL, (*centre, radius), *_around(centre, radius), velocity)
+    row = _row(_kernels.BALL, (*centre, radius), *_around(centre, radius), velocity)
     return Surface(row, Kind.AIR, 0.3, Cause.BIRD)
 
 
@@ -269,7 +270,7 @@ def lid(
 
     Ribs are ``spacing`` from each other, and grooves ``relief`` below them.
     """
-    row = _row(caster.LID, (*centre, radius, relief, spacing), *_around(centre, radius + relief))
+    row = _row(_kernels.LID, (*centre, radius, relief, spacing), *_around(centre, radius + relief))
     return Surface(row, Kind.MANHOLE, 0.45)
 
 
@@ -288,4 +289,4 @@ def crown(  # noqa: PLR0913  the measures of its leaves
     ``2 cell³ / (π leaf² share)`` metres deep.
     """
     rest = (*centre, *half, cell, leaf, share, seed)
-    return Surface(_row(caster.CROWN, rest, *_around(centre, half)), Kind.FOLIAGE, 0.4)
+    return Surface(_row(_kernels.CROWN, rest, *_around(centre, half)), Kind.FOLIAGE, 0.4)

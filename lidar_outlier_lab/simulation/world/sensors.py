@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows
-from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab import _kernels
 from lidar_outlier_lab.simulation.world.scene import Hits
 
 # What every point carries; ``t`` is in nanoseconds after the header stamp, the last two are codes
@@ -109,7 +109,7 @@ class Receiver:
 
         Returns closer than ``pulse`` merge; of what is farther apart, the strongest counts.
         """
-        distance, share = _strongest(hits.distance, self.pulse)
+        distance, share = _kernels.strongest(hits.distance, self.pulse)
         safe = np.where(share > 0.0, distance, 0.0)
         off = np.abs(hits.distance - safe[:, None])
         nearest = off.argmin(axis=1)[:, None]
@@ -148,37 +148,6 @@ class Receiver:
         offset = np.concatenate([np.zeros((3, centre.shape[1], 1)), offset], axis=2)
         direction = centre[:, :, None] + self.divergence * offset
         return self.aperture * offset, direction / np.sqrt((direction**2).sum(axis=0))
-
-
-@kernel
-def _strongest(distance: Floats, pulse: float) -> tuple[Floats, Floats]:
-    """Mean distance (N,) and share of the largest group of rays (N, K); of equals the nearest.
-
-    A group ends where the next ray met something more than ``pulse`` farther on. Without any the
-    mean is inf and the share 0.
-    """
-    shots, count = distance.shape
-    mean, share = np.full(shots, np.inf), np.zeros(shots)
-    rays = np.empty(count)
-    for n in range(shots):
-        met = 0
-        for k in range(count):
-            if distance[n, k] < np.inf:
-                j = met
-                while j > 0 and rays[j - 1] > distance[n, k]:
-                    rays[j] = rays[j - 1]
-                    j -= 1
-                rays[j] = distance[n, k]
-                met += 1
-        best = start = 0
-        for end in range(1, met + 1):
-            if end == met or rays[end] - rays[end - 1] > pulse:
-                if end - start > best:
-                    best = end - start
-                    mean[n] = rays[start:end].sum() / best
-                start = end
-        share[n] = best / count
-    return mean, share
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from naive import raycast as naive
 
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.evaluation.truth import Kind
+from lidar_outlier_lab._kernels import PANE
 from lidar_outlier_lab.simulation.world import scene as surfaces
-from lidar_outlier_lab.simulation.world.caster import PANE
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene, Surface
 

@@ -15,6 +15,7 @@ from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_lab import _kernels
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, dry_turn, rings
 from lidar_outlier_lab.simulation.weather.beams import beams_of
@@ -23,7 +24,7 @@ from lidar_outlier_lab.simulation.world.particles import Puff
 from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner, refract
 from lidar_outlier_lab.simulation.world.recording import clouds, messages, record, to_message
 from lidar_outlier_lab.simulation.world.scene import Rays, Scene, box, ground
-from lidar_outlier_lab.simulation.world.sensors import SpinningScanner, _strongest
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 from lidar_outlier_lab.simulation.world.trajectory import Route, Trajectory, rotation
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
@@ -131,11 +132,11 @@ def test_strongest_echo() -> None:
     distance = np.array(
         [[9, 9, 9, 9, 9, 5, 5], [9, 9, 9, 5, 5, 5, inf], [inf] * 7, [7, 7.2, 7.6, 7.8, 7, 7, 7]]
     )
-    mean, share = _strongest(distance, 0.8)
+    mean, share = _kernels.strongest(distance, 0.8)
     np.testing.assert_allclose(mean, [9.0, 5.0, inf, 50.6 / 7])
     np.testing.assert_allclose(share, [5 / 7, 3 / 7, 0.0, 1.0])
     # Exactly a pulse apart is one echo still.
-    mean, share = _strongest(np.array([[5.0, 5.5, 6.0], [5.0, 5.5, 6.1]]), 0.5)
+    mean, share = _kernels.strongest(np.array([[5.0, 5.5, 6.0], [5.0, 5.5, 6.1]]), 0.5)
     np.testing.assert_allclose(mean, [5.5, 5.25])
 
 
