@@ -4,7 +4,7 @@
 // What Python calls of this room.
 #pragma once
 
-#include <tuple>
+#include <cstdint>
 
 #include "../../kernels/array_view.hpp"
 #include "../../kernels/levels.hpp"
@@ -39,7 +39,12 @@ void find_worst(View<const Index> failing, View<const double> rank, View<const I
 Owned<Index> unlink_points(View<const Index> worst, View<Index> before, View<Index> after,
                            Index reach, View<const bool> rejected);
 
-// Refuses links that lead to no point: each is a number of a point, or negative.
-void check_links(View<const Index> before, View<const Index> after);
+namespace LEVEL {
 
+// Returns whether a link leads to one of so many points; what does not, ends a segment.
+inline bool leads(Index link, Index points) {
+    return static_cast<std::uint64_t>(link) < static_cast<std::uint64_t>(points);
+}
+
+}  // namespace LEVEL
 }  // namespace lidar

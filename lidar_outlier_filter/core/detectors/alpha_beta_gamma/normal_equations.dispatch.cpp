@@ -203,7 +203,7 @@ Walked walk(const Place& at, Index k, Index start, const View<const Index>& link
     const double here = at.column[T][k], rate = at.column[RATE][k];
     const double x = at.column[X][k], y = at.column[Y][k], z = at.column[Z][k];
     Index i = start;
-    while (walked.count < reach && i >= 0) {
+    while (walked.count < reach && leads(i, link.size())) {
         const double u = (at.column[T][i] - here) * rate;
         const double w0 = at.column[WEIGHT][i];
         const double w1 = w0 * u;
@@ -284,7 +284,7 @@ void predict_one_by_one(View<const double, 2> columns, Index pad, View<const Ind
     check(result.shape[0] == WINDOWS && result.shape[1] == 3, "result must be (3, 3, M)");
     check(which.size() == slots.size(), "there must be as many slots as points");
     check_windows(windows);
-    check_links(before, after);
+    check(before.size() == after.size(), "links must be as many as points");
     check_indices(which, before.size());
     check_indices(slots, result.shape[2]);
     const Place at = place_at(columns, pad);

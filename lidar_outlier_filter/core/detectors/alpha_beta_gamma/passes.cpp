@@ -49,15 +49,6 @@ double window_score(const View<const double, 3>& standard, Index window, Index m
 
 }  // namespace
 
-void check_links(View<const Index> before, View<const Index> after) {
-    check(before.size() == after.size(), "links must be as many as points");
-    bool fits = true;
-    for (Index i = 0; i < before.size(); ++i) {
-        fits &= before[i] < before.size() && after[i] < before.size();
-    }
-    check(fits, "links must lead to points");
-}
-
 // Returns the points whose window overhangs an end of their segment.
 Owned<Index> find_near_ends(View<const Index> before, View<const Index> after, Index reach_before,
                             Index reach_after) {
@@ -141,17 +132,18 @@ void find_worst(View<const Index> failing, View<const double> rank, View<const I
                 View<const Index> after, Index reach, View<bool> result) {
     check(rank.size() == before.size(), "ranks must be as many as points");
     check(result.size() == failing.size(), "result must be as long as failing");
-    check_links(before, after);
+    check(before.size() == after.size(), "links must be as many as points");
     check_indices(failing, before.size());
+    const auto is_point = [&](Index i) { return LEVEL::leads(i, before.size()); };
     for (Index m = 0; m < failing.size(); ++m) {
         const Index k = failing[m];
         Index i = before[k], j = after[k];
         bool worst = true;
-        for (Index step = 0; step < reach && worst && (i >= 0 || j >= 0); ++step) {
+        for (Index step = 0; step < reach && worst && (is_point(i) || is_point(j)); ++step) {
             // A comparison with NaN is false: points that pass exceed no other.
-            worst = !((i >= 0 && rank[i] >= rank[k]) || (j >= 0 && rank[j] > rank[k]));
-            i = i >= 0 ? before[i] : i;
-            j = j >= 0 ? after[j] : j;
+            worst = !((is_point(i) && rank[i] >= rank[k]) || (is_point(j) && rank[j] > rank[k]));
+            i = is_point(i) ? before[i] : i;
+            j = is_point(j) ? after[j] : j;
         }
         result[m] = worst;
     }
@@ -161,14 +153,14 @@ void find_worst(View<const Index> failing, View<const double> rank, View<const I
 Owned<Index> unlink_points(View<const Index> worst, View<Index> before, View<Index> after,
                            Index reach, View<const bool> rejected) {
     check(rejected.size() == before.size(), "rejected must be as many as points");
-    check_links(before, after);
+    check(before.size() == after.size(), "links must be as many as points");
     check_indices(worst, before.size());
     std::vector<char> marked(rejected.data, rejected.data + rejected.size());
     std::vector<Index> spoiled;
     for (Index m = 0; m < worst.size(); ++m) {
         for (const auto& link : {before, after}) {
             Index i = link[worst[m]];
-            for (Index step = 0; step < reach && i >= 0; ++step) {
+            for (Index step = 0; step < reach && LEVEL::leads(i, before.size()); ++step) {
                 char& mark = marked[static_cast<std::size_t>(i)];
                 if (mark == 0) {
                     mark = 1;
@@ -180,10 +172,10 @@ Owned<Index> unlink_points(View<const Index> worst, View<Index> before, View<Ind
     }
     for (Index m = 0; m < worst.size(); ++m) {
         const Index k = worst[m];
-        if (before[k] >= 0) {
+        if (LEVEL::leads(before[k], before.size())) {
             after[before[k]] = after[k];
         }
-        if (after[k] >= 0) {
+        if (LEVEL::leads(after[k], before.size())) {
             before[after[k]] = before[k];
         }
     }
