@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled loops over rays, see module.cpp; arrays as in lidar_outlier_filter.core._kernels."""
+# The compiled loops over rays, see module.cpp; arrays as in lidar_outlier_filter.core._kernels.
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
 

@@ -8,6 +8,7 @@
 
 from typing import TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Index, Ints, Singles, Triple
@@ -135,7 +136,9 @@ MIN_RANGE_M: float  # of a profile scanner
 
 def sort_nearly(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> Ints: ...
 def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None: ...
-def find_copies(lines: OrderedLines, phase: Floats, intensity: Singles, original: Ints) -> int: ...
+def find_line_copies(
+    lines: OrderedLines, phase: Floats, intensity: Singles, original: Ints
+) -> int: ...
 def place_lines(
     lines: OrderedLines,
     phase: Floats,

@@ -293,7 +293,7 @@ void bind_scan_pattern(py::module_& m) {
           arg("up"), WithoutGil());
     m.def("join_shots", &join_shots, arg("lines"), arg("begin"), arg("end"), arg("phase"),
           arg("up"), WithoutGil());
-    m.def("find_copies", &find_copies, arg("lines"), arg("phase"), arg("intensity"),
+    m.def("find_line_copies", &find_line_copies, arg("lines"), arg("phase"), arg("intensity"),
           arg("original"), WithoutGil());
     m.def("place_lines", &place_lines, arg("lines"), arg("phase"), arg("rank"), arg("begin"),
           arg("end"), arg("cells"), WithoutGil());

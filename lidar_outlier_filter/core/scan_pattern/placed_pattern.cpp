@@ -93,8 +93,8 @@ void join_shots(OrderedLines lines, Index begin, Index end, View<double> phase, 
 //
 // Of several at one place the brightest is the original, so that the order given does not matter;
 // one of unknown intensity only where all are unknown. Without `intensity` (0,) all are.
-Index find_copies(OrderedLines lines, View<const double> phase, View<const float> intensity,
-                  View<Index> original) {
+Index find_line_copies(OrderedLines lines, View<const double> phase, View<const float> intensity,
+                       View<Index> original) {
     const Index number = lines.first.size() - 1;
     check_lines(lines, 0, number, {phase});
     check(original.size() == lines.order.size(), "originals must be as many as points in order");

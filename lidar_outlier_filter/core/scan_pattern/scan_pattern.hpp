@@ -34,8 +34,8 @@ using Fits = std::tuple<Owned<double, 2>, Owned<double>, Owned<double>, Owned<do
 Owned<Index> sort_nearly(OrderedLines lines, Index begin, Index end, View<double> phase,
                          View<double> up);
 void join_shots(OrderedLines lines, Index begin, Index end, View<double> phase, View<double> up);
-Index find_copies(OrderedLines lines, View<const double> phase, View<const float> intensity,
-                  View<Index> original);
+Index find_line_copies(OrderedLines lines, View<const double> phase, View<const float> intensity,
+                       View<Index> original);
 void place_lines(OrderedLines lines, View<const double> phase, View<const Index> rank, Index begin,
                  Index end, Cells cells);
 void write_ranges(View<const double, 2> xyz, View<const Index> order, View<const Index> first,

@@ -194,7 +194,7 @@ def leave_out_copies(
     """
     known = np.empty(0, np.float32) if intensity is None else np.ascontiguousarray(intensity)
     original = np.empty(len(lines.order), np.int64)
-    if _kernels.find_copies(lines, turned.phase, known, original) == 0:
+    if _kernels.find_line_copies(lines, turned.phase, known, original) == 0:
         return lines, turned, np.empty((0, 2), np.int64)
     kept = original == lines.order
     copies = np.stack([lines.order, original], axis=1)[~kept]

@@ -51,9 +51,8 @@ class Landscape:
     def view(self, x: Floats, y: Floats) -> TopView:
         """Look at positions (N,) from straight above."""
         owner = np.zeros(len(x), np.int64)
-        height = _kernels.view_top(
-            self.top, self.owner, self.cell, *map(np.ascontiguousarray, (x, y)), owner
-        )
+        x, y = map(np.ascontiguousarray, (x, y))
+        height = _kernels.view_top(self.top, self.owner, self.cell, x, y, owner)
         return TopView(height, _kinds(owner))
 
     def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Bytes]:
@@ -70,9 +69,9 @@ class Landscape:
         owner = np.zeros(len(depth), np.int64)
         fields = (self.ground, self.top, self.owner, _highest(self.top))
         bottom = float(self.ground.min()) - 1.0
-        rays = map(np.ascontiguousarray, (origin, direction, depth))
-        side = self.cell * BLOCK
-        distance = _kernels.descend(fields, self.cell, side, *rays, bottom, owner)
+        origin, direction, depth = map(np.ascontiguousarray, (origin, direction, depth))
+        cell, side = self.cell, self.cell * BLOCK
+        distance = _kernels.descend(fields, cell, side, origin, direction, depth, bottom, owner)
         return distance, _kinds(owner)
 
 

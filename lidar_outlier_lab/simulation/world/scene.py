@@ -140,8 +140,9 @@ class Scene:
 
     def cast(self, rays: Rays) -> Hits:
         """Find the nearest surface on every ray."""
-        arrays = map(np.ascontiguousarray, (rays.origin, rays.direction, rays.t))
-        return Hits(*_kernels.cast_rays(self.table, *arrays, rays.reach))
+        origin, direction = map(np.ascontiguousarray, (rays.origin, rays.direction))
+        t = np.ascontiguousarray(rays.t)
+        return Hits(*_kernels.cast_rays(self.table, origin, direction, t, rays.reach))
 
 
 def towards(rays: Rays, centre: Floats, radius: float) -> NDArray[np.intp]:

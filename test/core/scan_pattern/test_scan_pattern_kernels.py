@@ -21,7 +21,7 @@ BRIGHT, USUAL, LIMITS = np.ones((2, COUNT), np.float32), np.ones(19, np.float32)
 CALLS: dict[str, tuple[Any, ...]] = {
     'sort_nearly': (LINE, 0, LINES, PHASE, PHASE),
     'join_shots': (LINE, 0, LINES, PHASE, PHASE),
-    'find_copies': (LINE, PHASE, SINGLES, T.copy()),
+    'find_line_copies': (LINE, PHASE, SINGLES, T.copy()),
     'place_lines': (LINE, PHASE, RANK, 0, LINES, CELLS),
     'write_ranges': (LINE.xyz, T, FIRST, WHERE, np.zeros((COUNT, 3)), PHASE.copy()),
     'usual_brightness': (T, SINGLES, SINGLES, 1),
@@ -102,7 +102,13 @@ def test_indices(bad: int) -> None:
     order, first = T.copy(), FIRST.copy()
     order[3] = first[1] = bad
     for lines in (LINE._replace(order=order), LINE._replace(first=first)):
-        for name in ('sort_nearly', 'join_shots', 'find_copies', 'place_lines', 'write_directions'):
+        for name in (
+            'sort_nearly',
+            'join_shots',
+            'find_line_copies',
+            'place_lines',
+            'write_directions',
+        ):
             if name == 'write_directions' and lines.first is first:
                 continue  # it does without
             if first is lines.first and bad == COUNT and name != 'place_lines':
