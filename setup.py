@@ -159,7 +159,6 @@ setup(
     install_requires=[
         'filterpy>=1.4.5',  # `engine: filterpy`
         'mcap>=1.2,<2',
-        'numba>=0.58',
         'numpy>=1.26',
         'PyYAML>=6.0',
         'rich>=13.7',

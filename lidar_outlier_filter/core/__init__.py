@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filter itself: points, neighbours, kernels, detectors, and the chain that judges blocks.
 
-It needs numpy, scipy and numba. Importing ROS here is a lint error.
+It needs numpy, scipy and its compiled module. Importing ROS here is a lint error.
 """

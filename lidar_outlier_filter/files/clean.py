@@ -44,7 +44,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
-_LIBRARIES = ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow', 'python-neo-lzf')
+_LIBRARIES = ('numpy', 'scipy', 'laspy', 'lazrs', 'pyarrow', 'python-neo-lzf')
 
 
 @dataclass(frozen=True)

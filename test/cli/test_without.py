@@ -86,10 +86,10 @@ for command in commands.choices.values():
     command.format_help()
 """
 LIGHT = {
-    'import lidar_outlier_filter': 'numpy scipy numba matplotlib rosbags rclpy sensor_msgs',
+    'import lidar_outlier_filter': 'numpy scipy matplotlib rosbags rclpy sensor_msgs',
     'import lidar_outlier_filter.recordings.replay': 'scipy.spatial',
     'from lidar_outlier_filter.parameters import filter; filter.FilterParameters()': 'numpy scipy',
-    HELP: 'numpy numba matplotlib rclpy rosbags rich yaml scipy',
+    HELP: 'numpy matplotlib rclpy rosbags rich yaml scipy',
 }
 
 

@@ -181,7 +181,7 @@ def test_log(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (log['points'], log['invalid'], log['untested']) == (24224, 0, 0)
     assert set(log['seconds']) == {'read', 'judge', 'write'}
     assert log['versions']['lidar_outlier_filter'] == __version__
-    assert {'python', 'numpy', 'numba', 'python-neo-lzf'} <= set(log['versions'])
+    assert {'python', 'numpy', 'python-neo-lzf'} <= set(log['versions'])
 
 
 def test_one_file_needs_no_archive(tmp_path: Path) -> None:

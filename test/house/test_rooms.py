@@ -43,7 +43,7 @@ OUTSIDE = {
     'errors': (),
     'parameters': ('numpy', 'yaml'),
     'disk': ('numpy',),
-    'core': ('filterpy', 'numba', 'numpy', 'scipy'),
+    'core': ('filterpy', 'numpy', 'scipy'),
     'messages': ('numpy',),
     'pipeline': ('numpy', 'zstandard'),
     'recordings': ('mcap', 'numpy', 'rosbags', 'yaml'),

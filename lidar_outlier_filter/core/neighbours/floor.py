@@ -19,9 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.neighbours.typical import in_parts, typical_scale
 
 SIDE = 2.0  # of a column, typical distances
@@ -112,28 +111,3 @@ def _lowest(column: Ints, z: Floats) -> tuple[Ints, Floats]:
     column = column[order]
     begins = np.flatnonzero(np.append(True, column[1:] != column[:-1]))
     return column[begins], np.minimum.reduceat(z[order], begins)
-
-
-@device_function
-def write_depth(
-    around: Floor, x: float, y: float, z: float, feature: int, lane: int, values: Singles
-) -> None:
-    """Write both features of a point, from this row on."""
-    low, spread = _floor_at(around, x, y)
-    values[feature, lane] = (low - z) / around.side
-    values[feature + 1, lane] = (low - z) / (spread + around.side)
-
-
-@device_function
-def _floor_at(around: Floor, x: float, y: float) -> tuple[float, float]:
-    """Return the floor around a place, and how far apart the quartiles are there."""
-    i, j = _steps(x - around.origin[0], around.side), _steps(y - around.origin[1], around.side)
-    place = int(np.searchsorted(around.wide, i // WIDER << ROW | j // WIDER))
-    place = min(place, len(around.wide) - 1)
-    return around.floor[place, 0], around.floor[place, 1]
-
-
-@device_function
-def _steps(along: float, side: float) -> int:
-    """Return how many columns fit into a length."""
-    return int(min(max(along / side, 0.0), FARTHEST))

@@ -14,7 +14,6 @@ import numpy as np
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import device_function
 from lidar_outlier_filter.core.kernels.threads import Result
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
@@ -23,10 +22,9 @@ MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0
 SAMPLE = 20_000  # points, about
 AT_ONCE = 500_000  # points examined
 EVERY = 1 << 32
+
+
 # Multipliers that mix the bits of coordinates (splitmix64).
-MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
-
-
 def in_parts(
     work: Callable[[Floats], Result], xyz: Floats, where: Ints, threads: int
 ) -> list[Result]:
@@ -56,16 +54,3 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     distance = np.median(np.sqrt(alone.squared_distances(K)))
     # On a surface, distances are as the square root of the area that each point has.
     return float(distance * np.sqrt(len(few) / len(where))) + MIN_SCALE_M
-
-
-@device_function
-def number(xyz: Floats, i: int) -> np.int64:
-    """Return a pseudo-random number from 0 to 2³² that depends on the position of a point only."""
-    mixed = np.uint64(0)
-    for axis in range(3):
-        bits = np.float64(xyz[i, axis] + 0.0).view(np.uint64)  # 0 and -0 are one place
-        mixed = (mixed ^ bits) + MIX[0]
-        mixed = (mixed ^ (mixed >> np.uint64(30))) * MIX[1]
-        mixed = (mixed ^ (mixed >> np.uint64(27))) * MIX[2]
-        mixed = mixed ^ (mixed >> np.uint64(31))
-    return np.int64(mixed >> np.uint64(32))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
-from lidar_outlier_filter.core.kernels.lanes import LANES
 
 SAME_SHOT = _kernels.SAME_SHOT  # rad: nearer than that, two returns of a ring are of one beam
 
@@ -52,7 +51,7 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
 
 UNKNOWN = np.float32(_kernels.UNKNOWN_BRIGHTNESS)
 STRETCH = 24  # cells on either side of a point: the reach of windows along a line
-PAD = LANES + STRETCH  # cells: as many as are read side by side, and their reach
+PAD = _kernels.LANES + STRETCH  # cells: as many as are read side by side, and their reach
 NOWHERE = 1e9  # rad: the phase where there is no point
 LINES_AT_ONCE = 4  # lines that a thread takes of long work
 POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are done before it wakes

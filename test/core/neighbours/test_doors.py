@@ -23,7 +23,7 @@ Call = Callable[..., object]
 
 def search(**changed: Any) -> None:
     """Search all leaves, but for what is changed."""
-    given = {
+    given: dict[str, Any] = {
         'xyz': HOOD.xyz,
         'tree': TREE,
         'these': LEAVES,

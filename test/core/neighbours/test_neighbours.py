@@ -17,11 +17,11 @@ from naive import neighbours as naive
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
+from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Index
 from lidar_outlier_filter.core.neighbours import neighbourhood as neighbours
 from lidar_outlier_filter.core.neighbours.neighbourhood import Nearest, Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF, SUBTREE
-from lidar_outlier_filter.core.neighbours.tree_walks import height
 from lidar_outlier_filter.errors import FilterError
 
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
@@ -421,7 +421,7 @@ def test_nothing_takes_quadratic_time(cloud: Shape) -> None:
     """200 000 points that are hard to separate: after some lopsided cuts the median is taken."""
     neighbourhood = Neighbourhood(cloud(np.random.default_rng(25), 200_000), 20)
     assert neighbourhood.nearest(20).index.shape == (200_000, 20)
-    assert height(neighbourhood.tree) < 60
+    assert _kernels.tree_height(neighbourhood.tree) < 60
 
 
 @pytest.mark.timeout(60)

@@ -82,8 +82,7 @@ def residuals(
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
         _kernels.predict_in_tiles(series.columns, series.pad, windows, result)
-        reach = parameters.before, parameters.after
-        which = slots = _kernels.find_near_ends(before, after, *reach)
+        which = slots = _kernels.find_near_ends(before, after, parameters.before, parameters.after)
     else:
         slots = np.arange(len(which))
     _kernels.predict_one_by_one(

@@ -13,10 +13,6 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats, Reals, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
-from lidar_outlier_filter.core.kernels.kernels import noalias_kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES
-from lidar_outlier_filter.core.kernels.vectors import WIDTH, repeat, select, store
-from lidar_outlier_filter.core.kernels.vectors import load as vector
 from lidar_outlier_filter.errors import FilterError
 
 VERSION = 1
@@ -150,23 +146,6 @@ def find_valleys(log_odds: Reals, thresholds: Floats, drop: float) -> Floats:
     above = len(some) - np.searchsorted(some, thresholds, 'right')
     valley = edges[np.arange(len(edges)), near.argmin(axis=1)]
     return np.where(above >= max(MANY * len(log_odds), MIN_ABOVE), valley, thresholds)
-
-
-@noalias_kernel
-def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
-    """Write the sums (LANES,) of points with these features (F, LANES), in single precision."""
-    for lane in range(0, LANES, WIDTH):
-        some = repeat(trees.start)
-        for tree in range(len(trees.feature)):
-            f, t, v = trees.feature[tree], trees.limit[tree], trees.value[tree]
-            low = select(vector(features[f[3]], lane) > t[3], v[1], v[0])
-            high = select(vector(features[f[4]], lane) > t[4], v[3], v[2])
-            left = select(vector(features[f[1]], lane) > t[1], high, low)
-            low = select(vector(features[f[5]], lane) > t[5], v[5], v[4])
-            high = select(vector(features[f[6]], lane) > t[6], v[7], v[6])
-            right = select(vector(features[f[2]], lane) > t[2], high, low)
-            some = some + select(vector(features[f[0]], lane) > t[0], right, left)
-        store(total, lane, some)
 
 
 def contribute(trees: Trees, values: Singles) -> Singles:

@@ -25,7 +25,6 @@ from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_walks import leaves
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECTIONS = 64  # that a thread judges at once, at least
@@ -119,7 +118,7 @@ def _positions(neighbourhood: Neighbourhood) -> Ints:
     Tree order within a leaf is that in which the points were given, which must not matter.
     """
     xyz, tree, place = neighbourhood.xyz, neighbourhood.tree, np.empty(len(neighbourhood), np.int64)
-    these = leaves(tree)
+    these = _kernels.tree_leaves(tree)
     threads.run(
         lambda begin, end: _kernels.sort_leaves(xyz, tree, these[begin:end], place),
         len(these),

@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -304,7 +305,7 @@ def test_a_turn_is_judged_alike_whenever_it_is(turns: int) -> None:
 
 @pytest.mark.parametrize('count', range(64, 97, 5))
 def test_nothing_is_read_behind_the_last_line(count: int) -> None:
-    """Lines of any length: under numba's bounds check, what lies behind the last raises."""
+    """Lines of any length; scripts/sanitize would see a read beyond an array."""
     points = sweep(11, 0.0, columns=count)
     assert (judge(pattern_of(points), 1.0) >= 0).all()
 
@@ -344,9 +345,9 @@ def test_refuses_what_does_not_fit() -> None:
     size, lines = len(pattern.order), len(pattern.first)
     odds, asked = np.zeros(size, np.float32), np.ones(size, np.bool_)
     none = pattern_trees.NO_FIRST_PASS
-    rest = np.empty(0, np.int64), 0, lines, odds, np.empty((0, 0), np.float32)
+    rest: Any = np.empty(0, np.int64), 0, lines, odds, np.empty((0, 0), np.float32)
     with pytest.raises(TypeError, match='array of float32'):
-        _kernels.write_roughness(pattern, 0, lines, np.zeros(size))
+        _kernels.write_roughness(pattern, 0, lines, np.zeros(size))  # type: ignore[arg-type]
     far = trees._replace(feature=trees.feature + np.int32(40))
     beyond = prepared._replace(near=prepared.near + np.int32(size))
     short = prepared._replace(pattern=pattern._replace(x=pattern.x[:-1]))
