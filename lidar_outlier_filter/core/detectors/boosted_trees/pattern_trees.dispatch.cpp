@@ -17,6 +17,7 @@ constexpr int VECTORS = 2, POINTS = VECTORS * WIDTH;  // side by side
 constexpr int EVERY_FEATURE = WINDOW_FEATURES + PROFILE_FEATURES + SECOND_FEATURES;
 
 struct Judged {
+    bool profile, second;
     const Prepared& prepared;
     const FirstPass& first;
     View<const bool> asked;
@@ -52,30 +53,35 @@ struct Asked {
 };
 
 // Writes the features of a vector of points, those of the second pass behind those of the first.
-template <bool PROFILE, bool SECOND, bool PLAIN>
+//
+// PLAIN: of the first pass of a spinning sensor, which takes longest, all points are near. Others
+// share one function: each takes seconds to compile.
+template <bool PLAIN>
 void write_features(const Judged& judged, const Rows& rows, const Line& line,
                     const std::int32_t* at, Features<POINTS> to) {
-    constexpr bool KEEP = PROFILE || SECOND;
     const Places points(load(at));
     const Points mine(rows, line, points);
     Returns returns;
-    write_window(line, gather<PLAIN, KEEP>(rows, line, points, mine, KEEP ? &returns : nullptr),
+    write_window(line, gather<PLAIN, !PLAIN>(rows, line, points, mine, PLAIN ? nullptr : &returns),
                  mine, to);
     const View<const float, 2> bright = judged.prepared.pattern.bright;
     to.set(BRIGHT, points.of(bright.row(0)));
     to.set(RANK, points.of(bright.row(1)));
+    if constexpr (PLAIN) {
+        return;
+    }
     Features<POINTS> more{to.values + WINDOW_FEATURES};
-    if constexpr (PROFILE) {
+    if (judged.profile) {
         write_profile(line, judged.prepared, points, mine.range, returns, more);
         more.values += PROFILE_FEATURES;
     }
-    if constexpr (SECOND) {
+    if (judged.second) {
         write_means(line, judged.first.score.data, points, mine, returns, more);
         write_suspects(judged.first, points, returns, more);
     }
 }
 
-template <bool PROFILE, bool SECOND, bool PLAIN>
+template <bool PLAIN>
 void judge_line(const Judged& judged, const Rows& rows, Index number) {
     const Pattern& pattern = judged.prepared.pattern;
     const Line line(pattern, number);
@@ -87,8 +93,7 @@ void judge_line(const Judged& judged, const Rows& rows, Index number) {
         const int vectors = (some.count + WIDTH - 1) / WIDTH;
         for (int n = 0; n < vectors; ++n) {
             const auto to = reinterpret_cast<float(*)[POINTS]>(&found[0][n * WIDTH]);
-            write_features<PROFILE, SECOND, PLAIN>(judged, rows, line, some.places + n * WIDTH,
-                                                   {to});
+            write_features<PLAIN>(judged, rows, line, some.places + n * WIDTH, {to});
         }
         if (vectors == VECTORS) {
             add_vectors<VECTORS>(judged.trees, found, total);
@@ -118,21 +123,18 @@ bool are_plain(const Pattern& pattern, const Rows& rows, Index line) {
     return plain;
 }
 
-template <bool PROFILE, bool SECOND>
 void judge_lines(const Judged& judged, Index begin, Index end) {
     const Rows rows(judged.prepared);
     for (Index line = begin; line < end; ++line) {
-        if constexpr (!PROFILE && !SECOND) {  // what takes longest
-            if (are_plain(judged.prepared.pattern, rows, line)) {
-                judge_line<false, false, true>(judged, rows, line);
-                continue;
-            }
+        if (!judged.profile && !judged.second && are_plain(judged.prepared.pattern, rows, line)) {
+            judge_line<true>(judged, rows, line);
+        } else {
+            judge_line<false>(judged, rows, line);
         }
-        judge_line<PROFILE, SECOND, false>(judged, rows, line);
     }
 }
 
-void check_judged(const Judged& judged, bool second, Index begin, Index end) {
+void check_judged(const Judged& judged, Index begin, Index end) {
     const Index size = judged.prepared.pattern.order.size();
     const Index groups = judged.prepared.groups.size();
     check(judged.asked.size() == size && judged.odds.size() == size,
@@ -140,13 +142,13 @@ void check_judged(const Judged& judged, bool second, Index begin, Index end) {
     check(judged.prepared.rough.size() == size && judged.prepared.groups.shape[1] == size &&
               (groups == 0 || groups == GROUP_FEATURES),
           "roughness must be (M,), groups (0, M) or (5, M)");
-    if (second) {
+    if (judged.second) {
         check(judged.first.score.size() == size && judged.first.share.size() == size &&
                   judged.first.before.size() == size + 1,
               "scores and shares of the first pass must be (M,), counts (M + 1,)");
     }
-    const Index features =
-        WINDOW_FEATURES + (groups > 0 ? PROFILE_FEATURES : 0) + (second ? SECOND_FEATURES : 0);
+    const Index features = WINDOW_FEATURES + (groups > 0 ? PROFILE_FEATURES : 0) +
+                           (judged.second ? SECOND_FEATURES : 0);
     check_trees(judged.trees, features);
     const View<float, 2> values = judged.values;
     if (values.size() > 0) {
@@ -172,13 +174,10 @@ void judge_pattern(Prepared prepared, FirstPass first, bool second, View<const b
     const Pattern& pattern = prepared.pattern;
     check_pattern(pattern, begin, end);
     check_beside(pattern, prepared.near, begin, end);
-    const Judged judged{prepared, first, asked, trees, column, odds, values};
-    check_judged(judged, second, begin, end);
     const bool profile = prepared.groups.size() > 0;
-    const auto judge = profile  ? second ? &judge_lines<true, true> : &judge_lines<true, false>
-                        : second ? &judge_lines<false, true>
-                                : &judge_lines<false, false>;
-    judge(judged, begin, end);
+    const Judged judged{profile, second, prepared, first, asked, trees, column, odds, values};
+    check_judged(judged, begin, end);
+    judge_lines(judged, begin, end);
 }
 
 }  // namespace LEVEL
