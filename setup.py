@@ -225,6 +225,7 @@ setup(
         # The pages in doc/; as Ubuntu 24.04 packages them
         'docs': ['myst-parser>=2.0', 'sphinx>=7.2', 'sphinx-rtd-theme>=2.0'],
         'lint': [
+            'clang-format==14.0.6',  # others break lines elsewhere
             'mypy>=1.13',
             'ruff>=0.12',
             'types-psutil',

@@ -25,6 +25,7 @@ case "$1 $2" in
     echo "$*" >>"$LOG"
     [[ -z "$HAS_NO_NETWORK" ]]
     ;;
+'setup.py --quiet') ;;  # nothing has changed
 *) exit 1 ;;
 esac
 """
@@ -32,7 +33,7 @@ esac
 CHECKS = """#!/bin/bash
 name=$1; shift
 case "$name" in
-python) exec "$REAL_PYTHON" "$@" ;;
+python) [[ "$1" == -m ]] || exec "$REAL_PYTHON" "$@" ;;
 *) [[ "$name $1" != "$WRONG"* ]] ;;
 esac
 """
@@ -109,6 +110,18 @@ def test_environment_is_made_once(project: Project) -> None:
     assert project.asked() == []
 
 
+def test_the_demo_waits_for_no_test(project: Project) -> None:
+    """What tests need comes when a command without --demo is run, and nothing is made twice."""
+    project.make('--demo', 'true')
+    assert project.asked()[-1].endswith('[ros,lab]')
+    project.make('true')
+    assert [line.rpartition(' ')[2] for line in project.asked()] == [
+        'lidar_outlier_filter[docs,test,lint]'
+    ]
+    project.make('--demo', 'true')
+    assert project.asked() == []
+
+
 @pytest.mark.parametrize('name', ['setup.py', 'scripts/constraints.txt', 'scripts/environment'])
 def test_environment_follows_its_recipe(project: Project, name: str) -> None:
     """A change of its recipe makes the environment again, without its former content."""
@@ -155,7 +168,10 @@ def test_unfit_ros_is_left_alone(project: Project, distribution: str) -> None:
         'scripts/environment', 'env', ROS_DISTRO=distribution, PYTHONPATH='/opt/ros'
     )
     assert f'({distribution}) is left alone' in result.stderr
-    assert project.asked()[-1].endswith('[ros,docs,test,lint]')
+    assert [line.rpartition('[')[2] for line in project.asked()[-2:]] == [
+        'ros,lab]',
+        'docs,test,lint]',
+    ]
     assert not {'ROS_DISTRO', 'PYTHONPATH'} & {
         line.partition('=')[0] for line in result.stdout.splitlines()
     }
@@ -171,13 +187,13 @@ def report(**counts: int) -> str:
 @pytest.mark.parametrize(
     ('status', 'written', 'wrong', 'closing'),
     [
-        ('0', report(), 'nothing', '8 passed, 0 failed'),
-        ('0', report(skipped=1), 'nothing', '7 passed, 0 failed, 1 skipped'),
-        ('1', report(failures=1, errors=1), 'nothing', '6 passed, 2 failed'),
-        ('0', report(), 'mypy', '7 passed, 1 failed'),
-        ('2', report(), 'nothing', '8 passed, 1 failed'),
-        ('5', report(tests=0), 'nothing', '4 passed, 1 failed'),
-        ('3', '', 'nothing', '4 passed, 1 failed'),
+        ('0', report(), 'nothing', '10 passed, 0 failed'),
+        ('0', report(skipped=1), 'nothing', '9 passed, 0 failed, 1 skipped'),
+        ('1', report(failures=1, errors=1), 'nothing', '8 passed, 2 failed'),
+        ('0', report(), 'mypy', '9 passed, 1 failed'),
+        ('2', report(), 'nothing', '10 passed, 1 failed'),
+        ('5', report(tests=0), 'nothing', '6 passed, 1 failed'),
+        ('3', '', 'nothing', '6 passed, 1 failed'),
     ],
     ids=['all', 'skipped', 'tests', 'check', 'interrupted', 'no tests', 'crash'],
 )
