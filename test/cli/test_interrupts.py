@@ -75,7 +75,7 @@ def cloud(folder: Path) -> str:
 
 @pytest.mark.parametrize(
     ('module', 'wrapped'),
-    [('lidar_outlier_filter.cli.main', ''), ('numpy', ''), ('scipy', SWALLOWED)],
+    [('lidar_outlier_filter.cli.main', ''), ('numpy', ''), ('rich', SWALLOWED)],
 )
 def test_interrupted_import(tmp_path: Path, module: str, wrapped: str) -> None:
     """Ctrl-C in the first second, when all is imported, gives status 130 and not a word."""

@@ -62,7 +62,6 @@ NOT_RUN: Mapping[str, str] = {
     'lidar-outlier-filter bench --write doc/results/speed.md': 'the same',
     'python benchmarks/large_clouds.py': 'takes ten minutes',
     'RMW_IMPLEMENTATION=': 'needs another middleware',
-    'lidar-outlier-filter compile': 'takes minutes; test_compiling.py runs it',
     'lidar-outlier-filter tune drive --set': 'takes minutes; test_tune.py runs it on less',
 }
 

@@ -250,14 +250,17 @@ def test_the_debian_package_is_of_package_xml() -> None:
     package = parse_package(str(ROOT))
     control = (ROOT / 'debian/control').read_text()
     own = words(
-        '${misc:Depends} ${python3:Depends} debhelper-compat dh-python python3 python3-all '
-        'python3-setuptools ros-jazzy-ros-workspace'
+        '${misc:Depends} ${python3:Depends} ${shlibs:Depends} debhelper-compat dh-python python3 '
+        'python3-all-dev python3-setuptools ros-jazzy-ros-workspace'
     )
     needed = {'Depends': package.exec_depends, 'Build-Depends': package.build_depends}
     for field, depends in needed.items():
         (stated,) = re.findall(rf'^{field}: (.*)', control, re.MULTILINE)
         names = {one.name.replace('_', '-') for one in depends}
-        apt = {name if name.startswith('python3-') else f'ros-jazzy-{name}' for name in names}
+        apt = {
+            name if name.startswith(('python3-', 'pybind11-')) else f'ros-jazzy-{name}'
+            for name in names
+        }
         assert {text.split(' ')[0] for text in stated.split(', ')} - own == apt
     assert f'({package.version}-' in (ROOT / 'debian/changelog').read_text().partition('\n')[0]
 

@@ -154,7 +154,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
     ('module', 'number'),
     [
         ('numpy', signal.SIGINT),
-        ('llvmlite.binding', signal.SIGTERM),
+        ('diagnostic_msgs.msg', signal.SIGTERM),
         ('rclpy.node', signal.SIGINT),
     ],
 )

@@ -53,6 +53,9 @@ def test_functions_are_there(name: str) -> None:
     for path in found:
         package = '' if path.startswith('lidar_outlier_lab.') else 'lidar_outlier_filter.'
         resolve_name(f'{package}{path}')
+    for file, names in re.findall(r'`(core/[\w/.]+\.cpp)`: ((?:`\w+`(?:, )?)+)', text):
+        source = (ROOT / 'lidar_outlier_filter' / file).read_text(encoding='utf-8')
+        assert all(f' {function}(' in source for function in re.findall(r'\w+', names))
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
