@@ -97,7 +97,15 @@ class BuildKernels(build_ext):  # type: ignore[misc]
                 if level == 'base' or source.endswith('.dispatch.cpp'):
                     made = Path(self.build_temp, level, source).with_suffix('.o')
                     bindings = ['-O1'] if source.endswith('module.cpp') else []  # halves the time
-                    whole = [*command, *options, *bindings, f'-DLEVEL={level}', '-MMD', '-c', source]
+                    whole = [
+                        *command,
+                        *options,
+                        *bindings,
+                        f'-DLEVEL={level}',
+                        '-MMD',
+                        '-c',
+                        source,
+                    ]
                     jobs.append((made, [*whole, '-o', str(made)]))
         # Those that take longest to compile are the largest; they begin first.
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
