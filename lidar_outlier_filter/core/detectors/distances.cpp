@@ -33,10 +33,7 @@ void write_densities(NearLists near, View<const double, 2> xyz, View<const doubl
           "there must be a distance and a place for each point (N, 3)");
     check_near(near, xyz.size(), begin, end);
     for (Index p = begin; p < end; ++p) {
-        const Index row = near.row[p];
-        const std::int32_t* const list =
-            row < 0 ? near.listed.row(p) : near.more.data + near.first[row];
-        const Index count = row < 0 ? near.listed.shape[1] : near.first[row + 1] - near.first[row];
+        const auto [list, count] = near.of(p);
         double total = 0;
         for (Index m = 0; m < count; ++m) {
             const Index o = list[m];

@@ -15,6 +15,17 @@ struct NearLists {
     View<const std::int32_t> row;
     View<const Index> first;
     View<const std::int32_t> more;
+
+    struct List {
+        const std::int32_t* points;
+        Index count;
+    };
+    // Returns the neighbourhood of a point; check_near() has been called.
+    [[gnu::always_inline]] List of(Index p) const {
+        const Index r = row[p];
+        return r < 0 ? List{listed.row(p), listed.shape[1]}
+                     : List{more.data + first[r], first[r + 1] - first[r]};
+    }
 };
 
 // Writes the mean distance of a range of points to the neighbours in their lists.

@@ -35,10 +35,7 @@ void write_density_ratios(NearLists near, View<const double> density, Index begi
     check(factor.size() == density.size(), "there must be a place for each point");
     check_near(near, density.size(), begin, end);
     for (Index p = begin; p < end; ++p) {
-        const Index row = near.row[p];
-        const std::int32_t* const list =
-            row < 0 ? near.listed.row(p) : near.more.data + near.first[row];
-        const Index count = row < 0 ? near.listed.shape[1] : near.first[row + 1] - near.first[row];
+        const auto [list, count] = near.of(p);
         double total = 0;
         for (Index m = 0; m < count; ++m) {
             total += density[list[m]];

@@ -8,8 +8,6 @@
 // alone. Textbook twins: test/core/kernels/test_lanes.py.
 #pragma once
 
-#include <algorithm>
-
 #include "array_view.hpp"
 #include "levels.hpp"
 #include "vectors.hpp"
@@ -94,25 +92,6 @@ inline void sort(Doubles* rows, const Network& network) {
         rows[pair.smaller] = least(one, other);
         rows[pair.larger] = most(one, other);
     }
-}
-
-struct Batch {
-    Index count;  // of points
-    Index next;   // where the next batch begins
-};
-
-// Puts the next selected points of a range into so many lanes; spare ones repeat the last point.
-inline Batch next_batch(Index* points, Index lanes, const bool* selected, Index begin, Index end) {
-    Index count = 0;
-    while (begin < end && count < lanes) {
-        points[count] = begin;
-        count += selected[begin] ? 1 : 0;
-        ++begin;
-    }
-    if (count > 0) {
-        std::fill(points + count, points + lanes, points[count - 1]);
-    }
-    return {count, begin};
 }
 
 }  // namespace LEVEL

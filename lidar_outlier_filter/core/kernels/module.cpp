@@ -214,15 +214,6 @@ void bind_kernels(py::module_& m) {
             base::sort(reinterpret_cast<double(*)[base::LANES]>(values.data), network);
         },
         arg("values"), arg("first"), arg("last"), WithoutGil());
-    m.def(
-        "next_batch",
-        [](View<Index> points, View<const bool> selected, Index begin, Index end) {
-            check_range(begin, end, selected.size());
-            const auto batch =
-                base::next_batch(points.data, points.size(), selected.data, begin, end);
-            return std::pair(batch.count, batch.next);
-        },
-        arg("points"), arg("selected"), arg("begin"), arg("end"), WithoutGil());
 }
 
 // core/neighbours -----------------------------------------------------------------------------

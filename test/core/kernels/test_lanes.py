@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points in lanes: each lane is sorted by itself, and each requested point has its turn."""
+"""Each lane of points is sorted by itself."""
 
 from typing import Any
 
@@ -34,27 +34,9 @@ def test_networks_sort_all_zeros_and_ones(count: int) -> None:
             assert_array_equal(result[first:last], expected[first:last])
 
 
-@pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
-@pytest.mark.parametrize('size', [1, 4, 32])
-def test_fills_lanes_with_requested_points(share: float, size: int) -> None:
-    """Each requested point once, in order; lanes that are left over repeat the last."""
-    selected = np.random.default_rng(7).random(150) < share
-    begin, end, seen = 3, 141, []
-    points = np.empty(size, np.int64)
-    while begin < end:
-        count, begin = _kernels.next_batch(points, selected, begin, end)
-        seen += points[:count].tolist()
-        assert_array_equal(points[count:], seen[-1:] * (size - count) if count else points)
-    assert seen == [i for i in range(3, 141) if selected[i]]
-
-
 def test_refuses_what_does_not_fit() -> None:
     """Nothing is sorted or read beyond an array."""
-    values, points, selected = (
-        np.zeros((4, _kernels.LANES)),
-        np.zeros(4, np.int64),
-        np.ones(9, bool),
-    )
+    values = np.zeros((4, _kernels.LANES))
     others: list[Any] = [values.astype(np.float32), values[:, ::2], values[0]]
     for wrong in others:
         with pytest.raises(TypeError, match='array of float64'):
@@ -64,6 +46,3 @@ def test_refuses_what_does_not_fit() -> None:
             _kernels.sort_lanes(rows, first, last)
     with pytest.raises(ValueError, match='LANES'):
         _kernels.sort_lanes(np.zeros((65, _kernels.LANES)), 0, 65)
-    for begin, end in ((0, 10), (-1, 4), (5, 4)):
-        with pytest.raises(ValueError, match='begin and end'):
-            _kernels.next_batch(points, selected, begin, end)

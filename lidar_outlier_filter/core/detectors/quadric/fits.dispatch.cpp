@@ -154,12 +154,10 @@ void measure_gradient(Window& window) {
     }
 }
 
-// The columns of B (23) of points side by side.
-template <int SIZE>
-[[gnu::always_inline]] inline void fill_columns(const Window& window, Index i, Doubles* columns) {
-    const Doubles x = load(window.local.x + i), y = load(window.local.y + i);
-    const Doubles z = load(window.local.z + i);
-    columns[0] = Doubles{} + 1.0;
+// Writes the columns of B (23) of one point, or of points side by side.
+template <int SIZE, typename Number>
+[[gnu::always_inline]] inline void write_columns(Number x, Number y, Number z, Number* columns) {
+    columns[0] = Number{} + 1.0;
     columns[1] = x;
     columns[2] = y;
     columns[3] = z;
@@ -171,6 +169,12 @@ template <int SIZE>
         columns[8] = ROOT2 * y * z;
         columns[9] = z * z;
     }
+}
+
+template <int SIZE>
+[[gnu::always_inline]] inline void fill_columns(const Window& window, Index i, Doubles* columns) {
+    const Points& local = window.local;
+    write_columns<SIZE>(load(local.x + i), load(local.y + i), load(local.z + i), columns);
 }
 
 // Measures B Q Bᵀ of all points.
@@ -296,18 +300,7 @@ void fill_rows(Window& window) {
         height[i] = normal[0] * a + normal[1] * b + normal[2] * c;
     }
     for (Index i = 0; i < window.n; ++i) {
-        const double x = along[i], y = across[i], z = height[i];
-        double* row = window.rows + i * ROW;
-        row[0] = 1.0;
-        row[1] = x;
-        row[2] = y;
-        row[3] = z;
-        row[4] = x * x;
-        row[5] = ROOT2 * x * y;
-        row[6] = y * y;
-        row[7] = ROOT2 * x * z;
-        row[8] = ROOT2 * y * z;
-        row[9] = z * z;
+        write_columns<QUADRIC>(along[i], across[i], height[i], window.rows + i * ROW);
     }
 }
 
