@@ -12,7 +12,6 @@ from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import CloudFile, open_cloud
-from lidar_outlier_filter.files.las_header import read_box
 from lidar_outlier_filter.files.points import CLASSIFICATION
 
 _NUMBER = re.compile(r'^EPSG:\d+ ')  # some files name the number of a system, others do not
@@ -72,6 +71,8 @@ def read_beside(
 
 def _tiles_at(own: Path, low: Floats, high: Floats) -> Iterator[Path]:
     """Yield the other LAS files of the folder whose boxes touch this one, in units of the file."""
+    from lidar_outlier_filter.files.las_header import read_box  # laspy is no part of every install
+
     for path in sorted(own.absolute().parent.iterdir()):
         if path.suffix.lower() not in SUFFIXES or not path.is_file() or path.samefile(own):
             continue
