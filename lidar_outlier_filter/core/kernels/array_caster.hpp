@@ -20,21 +20,24 @@ namespace py = pybind11;
 
 namespace lidar {
 
-// What is wrong with an object as an array of T; empty where nothing is.
+// Whether an object is an array of T, whatever its order.
+template <typename T>
+bool is_array(py::handle object, int dimensions) {
+    return py::isinstance<py::array_t<T>>(object) &&
+           py::reinterpret_borrow<py::array>(object).ndim() == dimensions;
+}
+
+// What is wrong with an object that is no such array. Its words cost more than most kernels.
 template <typename T>
 std::string refusal(py::handle object, int dimensions, bool writes) {
     const auto wanted = std::to_string(dimensions) + "-dimensional array of " +
                         std::string(py::str(py::dtype::of<T>())) + ", in C order" +
-                        (writes ? " and writable" : "");
+                        (writes ? " and writable" : "") + " expected, got ";
     if (!py::isinstance<py::array>(object)) {
-        return wanted + " expected, got " + std::string(py::str(py::type::handle_of(object)));
+        return wanted + std::string(py::str(py::type::handle_of(object)));
     }
-    const auto array = py::reinterpret_borrow<py::array>(object);
-    const bool fits = py::isinstance<py::array_t<T>>(object) && array.ndim() == dimensions &&
-                      (array.flags() & py::array::c_style) != 0 && (array.writeable() || !writes);
-    return fits ? ""
-                : wanted + " expected, got " + std::string(py::str(array.attr("dtype"))) +
-                      " of shape " + std::string(py::str(array.attr("shape")));
+    return wanted + std::string(py::str(object.attr("dtype"))) + " of shape " +
+           std::string(py::str(object.attr("shape")));
 }
 
 // Reads a NamedTuple, or any tuple, of arrays and numbers as a struct with the same members.
@@ -64,11 +67,12 @@ struct type_caster<lidar::View<T, Dimensions>> {
     PYBIND11_TYPE_CASTER(ViewType, const_name("numpy.ndarray"));
 
     bool load(handle source, bool /*convert*/) {
-        const auto wrong = lidar::refusal<Element>(source, Dimensions, !std::is_const_v<T>);
-        if (!wrong.empty()) {
-            throw type_error(wrong);
-        }
+        const bool fits = lidar::is_array<Element>(source, Dimensions);
         const auto array = reinterpret_borrow<pybind11::array>(source);
+        if (!fits || (array.flags() & pybind11::array::c_style) == 0 ||
+            !(array.writeable() || std::is_const_v<T>)) {
+            throw type_error(lidar::refusal<Element>(source, Dimensions, !std::is_const_v<T>));
+        }
         value.data = static_cast<T*>(const_cast<void*>(array.data()));
         for (int i = 0; i < Dimensions; ++i) {
             value.shape[i] = array.shape(i);
@@ -83,8 +87,7 @@ struct type_caster<lidar::Rows<T>> {
     PYBIND11_TYPE_CASTER(lidar::Rows<T>, const_name("numpy.ndarray"));
 
     bool load(handle source, bool /*convert*/) {
-        if (!isinstance<array_t<Element>>(source) ||
-            reinterpret_borrow<pybind11::array>(source).ndim() != 2) {
+        if (!lidar::is_array<Element>(source, 2)) {
             throw type_error(lidar::refusal<Element>(source, 2, !std::is_const_v<T>));
         }
         const auto array = reinterpret_borrow<pybind11::array>(source);

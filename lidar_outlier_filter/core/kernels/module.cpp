@@ -239,7 +239,7 @@ void bind_neighbours(py::module_& m) {
     m.def("carry_over", &carry_over, arg("index"), arg("tied"), arg("new_index"), arg("begin"),
           arg("end"), arg("index_out"), arg("tied_out"), arg("row"), WithoutGil());
     m.def("list_within", &list_within, arg("xyz"), arg("tree"), arg("which"), arg("limits"),
-          arg("offsets"), arg("index"), WithoutGil());
+          WithoutGil());
     m.def("find_copies", &find_copies, arg("order"), arg("xyz"), arg("tree"), arg("these"),
           WithoutGil());
     m.def("column_runs", &column_runs, arg("xyz"), arg("origin"), arg("side"), WithoutGil());

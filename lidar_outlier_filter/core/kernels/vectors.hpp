@@ -21,13 +21,13 @@ namespace lidar {
 namespace LEVEL {
 
 #if defined(__AVX512F__)
-inline constexpr int WIDTH = 16;  // singles
+inline constexpr Index WIDTH = 16;  // singles
 #elif defined(__AVX__)
-inline constexpr int WIDTH = 8;
+inline constexpr Index WIDTH = 8;
 #else
-inline constexpr int WIDTH = 4;
+inline constexpr Index WIDTH = 4;
 #endif
-inline constexpr int DOUBLES = WIDTH / 2;
+inline constexpr Index DOUBLES = WIDTH / 2;
 
 typedef float Singles __attribute__((vector_size(WIDTH * 4)));
 typedef std::int32_t Counts __attribute__((vector_size(WIDTH * 4)));  // and masks: 0 or -1

@@ -22,7 +22,7 @@ std::tuple<Owned<Index>, Owned<double>> column_runs(View<const double, 2> xyz,
     std::vector<double> low;
     for (Index p = 0; p < xyz.size(); ++p) {
         const Index row = LEVEL::steps(xyz(p, 0) - origin[0], side);
-        const Index number = row * LEVEL::ROW + LEVEL::steps(xyz(p, 1) - origin[1], side);
+        const Index number = row * LEVEL::ROW_STEP + LEVEL::steps(xyz(p, 1) - origin[1], side);
         if (column.empty() || column.back() != number) {
             column.push_back(number);
             low.push_back(xyz(p, 2));
@@ -36,7 +36,7 @@ std::tuple<Owned<Index>, Owned<double>> column_runs(View<const double, 2> xyz,
 // WINDOW by WINDOW around, and how far it is below the upper. `column` ascends.
 void write_floor(View<const Index> wide, View<const Index> column, View<const double> lowest,
                  Index begin, Index end, View<double, 2> floor) {
-    using LEVEL::ROW, LEVEL::WIDER, LEVEL::WINDOW;
+    using LEVEL::ROW_STEP, LEVEL::WIDER, LEVEL::WINDOW;
     check(column.size() == lowest.size() && floor.size() == wide.size() && floor.shape[1] == 2,
           "each column must have a lowest point, and each wide one a row of floor (C, 2)");
     check_range(begin, end, wide.size());
@@ -44,14 +44,16 @@ void write_floor(View<const Index> wide, View<const Index> column, View<const do
     const Index* const last = column.data + column.size();
     for (Index n = begin; n < end; ++n) {
         double lows[WINDOW * WINDOW];
-        check(0 <= wide[n] && wide[n] / ROW < MOST / WIDER && wide[n] % ROW < MOST / WIDER,
-              "wide columns must be numbers of columns");
-        const Index first = (wide[n] / ROW - 1) * WIDER, left = (wide[n] % ROW - 1) * WIDER;
+        check(
+            0 <= wide[n] && wide[n] / ROW_STEP < MOST / WIDER && wide[n] % ROW_STEP < MOST / WIDER,
+            "wide columns must be numbers of columns");
+        const Index first = (wide[n] / ROW_STEP - 1) * WIDER,
+                    left = (wide[n] % ROW_STEP - 1) * WIDER;
         Index count = 0;
         for (Index row = std::max<Index>(first, 0); row < first + WINDOW; ++row) {
             const Index* at =
-                std::lower_bound(column.data, last, row * ROW + std::max<Index>(left, 0));
-            for (; at < last && *at < row * ROW + left + WINDOW; ++at) {
+                std::lower_bound(column.data, last, row * ROW_STEP + std::max<Index>(left, 0));
+            for (; at < last && *at < row * ROW_STEP + left + WINDOW; ++at) {
                 check(count < WINDOW * WINDOW, "columns must ascend");
                 lows[count] = lowest[at - column.data];
                 ++count;

@@ -34,8 +34,9 @@ namespace LEVEL {
 
 inline constexpr Index WIDER = 5;  // columns to the side of a wide one
 inline constexpr Index WINDOW = 3 * WIDER;
-inline constexpr double FARTHEST = 1U << 30U;   // columns from the first: those beyond are one
-inline constexpr Index ROW = Index{1} << 32U;   // a column: row * ROW + number within the row
+inline constexpr double FARTHEST = 1U << 30U;  // columns from the first: those beyond are one
+inline constexpr Index ROW_STEP = Index{1}
+                                  << 32U;       // a column: row * ROW_STEP + number within the row
 inline constexpr double DEEP = 4, STEEP = 0.5;  // features from which on a point counts as low
 
 struct Level {
@@ -53,7 +54,7 @@ inline Level floor_at(const Floor& around, double x, double y) {
     const Index j = steps(y - around.origin[1], around.side);
     const Index* const begin = around.wide.data;
     const Index* const end = begin + around.wide.size();
-    const Index column = i / WIDER * ROW + j / WIDER;
+    const Index column = i / WIDER * ROW_STEP + j / WIDER;
     const Index place = std::min(std::lower_bound(begin, end, column) - begin, end - begin - 1);
     return {around.floor(place, 0), around.floor(place, 1)};
 }

@@ -120,7 +120,7 @@ inline Limit tighten(const double* distance, Index size, Index k, Limit lower, L
     double limit = guess;
     for (Index step = 0; step < STEPS && upper.count > k + SURPLUS; ++step) {
         if (!(lower.value < limit && limit < upper.value)) {
-            const double share = (static_cast<double>(k - lower.count) + SURPLUS / 2) /
+            const double share = (static_cast<double>(k - lower.count) + 0.5 * SURPLUS) /
                                  static_cast<double>(upper.count - lower.count);
             limit = lower.value + share * (upper.value - lower.value);
             if (!(lower.value < limit && limit < upper.value)) {

@@ -225,19 +225,16 @@ class Neighbourhood:
         """
         squared = np.ascontiguousarray(squared, np.float64)
         which = np.ascontiguousarray(which, np.int64)
-        offsets, index = np.zeros(len(which) + 1, np.int64), np.empty(0, np.int32)
         _, xyz, tree = self._build()
 
-        def walk(i: int, j: int) -> Ints:
-            these = which[i:j], squared[i:j], offsets[i : j + 1]
-            return _kernels.list_within(xyz, tree, *these, index)
+        def walk(i: int, j: int) -> tuple[Ints, Index]:
+            return _kernels.list_within(xyz, tree, which[i:j], squared[i:j])
 
-        # Counted first: nothing has room yet.
-        counts = self._in_threads(walk, len(which))
-        np.cumsum(np.concatenate([np.empty(0, np.int64), *counts]), out=offsets[1:])
-        index = np.empty(offsets[-1], np.int32)
-        self._in_threads(walk, len(which))
-        return offsets, index
+        counts, lists = [np.zeros(1, np.int64)], [np.empty(0, np.int32)]
+        for count, index in self._in_threads(walk, len(which)):
+            counts.append(count)
+            lists.append(index)
+        return np.cumsum(np.concatenate(counts)), np.concatenate(lists)
 
     def nearest_of(self, which: Ints, k: int) -> Index:
         """List the k nearest neighbours of few points; k may be more than ``most``.

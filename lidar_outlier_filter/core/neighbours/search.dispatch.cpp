@@ -150,11 +150,12 @@ private:
             if (count + (last - first) + STROKE > room_) {
                 return -1;
             }
+            double limit = reach;
             if (node == home) {
+                limit = INF;  // all points of the leaf itself stay, so that each finds itself
                 shift_ = count - first;
             }
-            // All points of the leaf itself stay, so that each finds itself.
-            count = copy(first, last, box, node == home ? INF : reach, count);
+            count = copy(first, last, box, limit, count);
         }
         std::fill_n(x_.begin() + count, padded(count) - count, INF);
         std::fill_n(y_.begin() + count, padded(count) - count, INF);

@@ -15,11 +15,10 @@ void check_lists(View<const double, 2> xyz, Lists index, Index k, Index begin, I
     check_range(begin, end, xyz.size());
 }
 
-// Counts the points within the limit of point q, and lists as many as there is room for.
-Index walk(View<const double, 2> xyz, const Tree& tree, std::vector<Index>& stack, Index q,
-           double limit, std::int32_t* found, Index room) {
+// Lists the points within the limit of point q, in their order, behind those that were found.
+void walk(View<const double, 2> xyz, const Tree& tree, std::vector<Index>& stack, Index q,
+          double limit, std::vector<std::int32_t>& found) {
     const Box box = LEVEL::box_of(xyz.row(q));
-    Index count = 0;
     stack.assign(1, 0);
     while (!stack.empty()) {
         const Index node = stack.back(), child = tree.child[node];
@@ -34,14 +33,10 @@ Index walk(View<const double, 2> xyz, const Tree& tree, std::vector<Index>& stac
         }
         for (Index p = tree.first[node]; p < tree.last[node]; ++p) {
             if (p != q && LEVEL::squared(xyz.row(p), xyz.row(q)) <= limit) {
-                if (count < room) {
-                    found[count] = static_cast<std::int32_t>(p);
-                }
-                ++count;
+                found.push_back(static_cast<std::int32_t>(p));
             }
         }
     }
-    return count;
 }
 
 }  // namespace
@@ -99,24 +94,23 @@ void carry_over(Lists index, View<const bool> tied, View<const std::int32_t> new
     }
 }
 
-// Counts for each of the points `which` the others up to its limit, inclusive, and lists them, in
-// their order. The list of which[i] begins at offsets[i]; where `index` ends, it ends, too.
-Owned<Index> list_within(View<const double, 2> xyz, Tree tree, View<const Index> which,
-                         View<const double> limits, View<const Index> offsets,
-                         View<std::int32_t> index) {
+// Counts for each of the points `which` the others up to its limit, inclusive, and lists them, one
+// list behind the other.
+std::tuple<Owned<Index>, Owned<std::int32_t>> list_within(View<const double, 2> xyz, Tree tree,
+                                                          View<const Index> which,
+                                                          View<const double> limits) {
     check(xyz.shape[1] == 3, "xyz must be (N, 3)");
     check_tree(tree, xyz.size());
     check_indices(which, xyz.size());
-    check(limits.size() == which.size() && offsets.size() == which.size() + 1,
-          "there must be a limit for each point, and one more offset");
-    std::vector<Index> stack, counts(static_cast<std::size_t>(which.size()));
+    check(limits.size() == which.size(), "there must be a limit for each point");
+    std::vector<Index> stack, counts;
+    std::vector<std::int32_t> found;
     for (Index i = 0; i < which.size(); ++i) {
-        const Index begin = std::min(std::max<Index>(offsets[i], 0), index.size());
-        const Index end = std::min(std::max(offsets[i + 1], begin), index.size());
-        counts[static_cast<std::size_t>(i)] =
-            walk(xyz, tree, stack, which[i], limits[i], index.data + begin, end - begin);
+        const std::size_t before = found.size();
+        walk(xyz, tree, stack, which[i], limits[i], found);
+        counts.push_back(static_cast<Index>(found.size() - before));
     }
-    return Owned<Index>(std::move(counts));
+    return {Owned<Index>(std::move(counts)), Owned<std::int32_t>(std::move(found))};
 }
 
 // Lists, (C, 2) as given, points of successive leaves at the place of an earlier one, and that.

@@ -5,6 +5,8 @@
 // test/naive/neighbours.py.
 #pragma once
 
+#include <tuple>
+
 #include "../kernels/array_view.hpp"
 #include "tree.hpp"
 
@@ -19,9 +21,9 @@ void squared_distances(View<const double, 2> xyz, Lists index, Index k, Index be
 void carry_over(Lists index, View<const bool> tied, View<const std::int32_t> new_index, Index begin,
                 Index end, View<std::int32_t, 2> index_out, View<bool> tied_out,
                 View<std::int32_t> row);
-Owned<Index> list_within(View<const double, 2> xyz, Tree tree, View<const Index> which,
-                         View<const double> limits, View<const Index> offsets,
-                         View<std::int32_t> index);
+std::tuple<Owned<Index>, Owned<std::int32_t>> list_within(View<const double, 2> xyz, Tree tree,
+                                                          View<const Index> which,
+                                                          View<const double> limits);
 Owned<Index, 2> find_copies(View<const Index> order, View<const double, 2> xyz, Tree tree,
                             View<const Index> these);
 

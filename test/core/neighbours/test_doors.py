@@ -144,8 +144,8 @@ TWICE = np.arange(2 * N, dtype=np.int32)
         lambda: _kernels.carry_over(
             bad(0, N), FLAGS, TWICE[:N], 0, N, INDEX.copy(), FLAGS, ROW_0.copy()
         ),
-        lambda: _kernels.list_within(HOOD.xyz, TREE, np.array([N]), np.ones(1), TWO, ROW_0),
-        lambda: _kernels.list_within(HOOD.xyz, TREE, np.array([1]), np.ones(2), TWO, ROW_0),
+        lambda: _kernels.list_within(HOOD.xyz, TREE, np.array([N]), np.ones(1)),
+        lambda: _kernels.list_within(HOOD.xyz, TREE, np.array([1]), np.ones(2)),
         lambda: _kernels.find_copies(HOOD.order, HOOD.xyz, TREE, np.array([-1])),
         lambda: _kernels.prune_tree(TREE, TREE.first, TREE.last + 1, HOOD.xyz),
         lambda: _kernels.halve_node((XYZ, XYZ[:-1], ROW_0, ROW_0), 0, N, False, 0),  # noqa: FBT003

@@ -113,7 +113,7 @@ void add_pair(const View<const double, 2>& columns, Index here, Index a, Index b
                 other = place_at(columns, b);
     Powers powers;
     add_powers<ORDER>(tested, one, other, powers, tile);
-    for (int axis = 0; axis < 3; ++axis) {
+    for (Index axis = 0; axis < 3; ++axis) {
         add_axis<ORDER>(tested.column[X + axis], one.column[X + axis], other.column[X + axis],
                         powers, tile.sums + 5 + 3 * axis);
     }
@@ -238,7 +238,7 @@ void solve(const Walked& walked, const Windows& windows, double weight,
                                            : cofactors<1>(s[0], s[1], s[2], s[3], s[4]);
     const bool predicts = walked.count >= windows.fewest && c.determinant > SINGULAR * c.diagonal;
     const double scale = 1 / (c.determinant * std::sqrt(1 / weight + c.c0 / c.determinant));
-    for (int axis = 0; axis < 3; ++axis) {
+    for (Index axis = 0; axis < 3; ++axis) {
         const double* const b = s.data() + 5 + 3 * axis;
         const double moved = -(c.c0 * b[0] + c.c1 * b[1] + c.c2 * b[2]) * scale;
         result(window, axis, slot) = predicts ? moved : NONE;
@@ -267,11 +267,8 @@ void predict_in_tiles(View<const double, 2> columns, Index pad, const Windows& w
     const Index tiles = (points + TILE - 1) / TILE;
     check(tiles * TILE + TILE <= width - pad - std::min(pad, width - pad),
           "columns must hold whole tiles, padded, and one of zeros");
-    if (windows.order == 2) {
-        predict_tiles<2>(columns, pad, windows, result);
-    } else {
-        predict_tiles<1>(columns, pad, windows, result);
-    }
+    const auto predict = windows.order == 2 ? predict_tiles<2> : predict_tiles<1>;
+    predict(columns, pad, windows, result);
 }
 
 // Predicts the points `which` by following the links, and writes them at `slots` of (3, 3, M).

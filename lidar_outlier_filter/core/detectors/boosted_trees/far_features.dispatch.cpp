@@ -17,7 +17,7 @@ constexpr double GROUP_GAP = 2;    // S: a longer distance ends a group
 typedef Others<MAX_NEIGHBOURS> Many;
 
 // Writes the first log-odds of a point, and their statistics over its neighbours.
-void write_odds(const Far& far, Index p, Index at, int lane, Features values) {
+void write_odds(const Far& far, Index p, Index at, int lane, NeighbourFeatures values) {
     const std::int32_t* const nearest = far.near.index.row(p);
     const std::int32_t* const others = far.index.row(at);
     const Index size = far.index.shape[1];
@@ -39,7 +39,7 @@ void write_odds(const Far& far, Index p, Index at, int lane, Features values) {
 
 // Writes the features of distances; `near_scale` is s. Returns S.
 Doubles write_distances(const Near& near, const Index* points, Doubles near_scale,
-                        const Many& others, Index count, Features values) {
+                        const Many& others, Index count, NeighbourFeatures values) {
     Doubles sorted[MAX_NEIGHBOURS], own;
     copy_sorted(others.radii, count, sorted);
     for (int lane = 0; lane < DOUBLES; ++lane) {
@@ -80,7 +80,7 @@ Extent find_between(const Many& others, Index count) {
 }
 
 // Writes how many neighbours are higher, and where the point is between opposite ones.
-void write_between(const Many& others, Index count, Doubles s, Features values) {
+void write_between(const Many& others, Index count, Doubles s, NeighbourFeatures values) {
     const Doubles one = repeat(1.0), nothing = repeat(0.0);
     Doubles higher = nothing;
     for (Index m = 0; m < count; ++m) {
@@ -132,7 +132,7 @@ void take_out(Many& others, Index last, Joining& joining) {
 // Joins the neighbours one by one (Prim's spanning tree), and writes features of the edges.
 //
 // The neighbours are put into another order.
-void write_group(Many& others, Index count, Doubles s, Features values) {
+void write_group(Many& others, Index count, Doubles s, NeighbourFeatures values) {
     const Doubles nothing = repeat(0.0);
     Doubles first = nothing, longest = nothing, before = nothing, against = nothing;
     Doubles group = repeat(static_cast<double>(count));
@@ -160,14 +160,14 @@ void write_group(Many& others, Index count, Doubles s, Features values) {
 
 }  // namespace
 
-void write_far(const Far& far, const Index* points, const Index* rows, Steps& steps,
+void write_far(const Far& far, const Index* points, const Index* rows, StepBuffers& steps,
                float* values) {
     const Index count = far.index.shape[1], some = std::min(Index{FEWER_NEIGHBOURS}, count);
     double near_scale[LANES];
     write_near(far.near, points, steps, near_scale, values);
     for (int begin = 0; begin < LANES; begin += DOUBLES) {
         Many others;
-        const Features written{values + begin};
+        const NeighbourFeatures written{values + begin};
         for (int lane = 0; lane < DOUBLES; ++lane) {
             const Index p = points[begin + lane], row = rows[begin + lane];
             gather(far.near, p, far.index.row(row), count, lane, others);

@@ -32,7 +32,7 @@ constexpr double FEW = 3;                // of the neighbours
 
 // Appends the neighbours of a point that were not reached before; returns the new count.
 [[gnu::always_inline]] inline Index step(const std::int32_t* index, std::uint32_t size, Index one,
-                                         Index count, Index mark, Steps& steps) {
+                                         Index count, Index mark, StepBuffers& steps) {
     const std::int32_t* const others = index + one * K;
     bool fits = true;
     for (int m = 0; m < K; ++m) {
@@ -52,7 +52,7 @@ constexpr double FEW = 3;                // of the neighbours
 // Of the points that so many steps lead to, those found last are taken first: they are far out,
 // and lead to new ones. What the table holds of earlier counts is less than `mark`: so nothing is
 // cleared.
-Sizes count_steps(const Near& near, Index p, Steps& steps) {
+Sizes count_steps(const Near& near, Index p, StepBuffers& steps) {
     const auto size = static_cast<std::uint32_t>(near.index.size());
     const std::int32_t* const index = near.index.data;
     const Index mark = steps.mark += MARK;
@@ -83,7 +83,7 @@ Sizes count_steps(const Near& near, Index p, Steps& steps) {
 namespace {
 
 // Writes the greatest ratio of successive distances, and how many neighbours list the point.
-void write_jump(const Others<K>& others, Features values) {
+void write_jump(const Others<K>& others, NeighbourFeatures values) {
     const Doubles one = repeat(1.0), nothing = repeat(0.0);
     Doubles jump = one, jump_at = nothing;
     Doubles listed = choose(others.distance[0] <= others.radii[0], one, nothing);
@@ -99,7 +99,7 @@ void write_jump(const Others<K>& others, Features values) {
 }
 
 // Writes the features of distances; returns s.
-Doubles write_distances(const Others<K>& others, Features values) {
+Doubles write_distances(const Others<K>& others, NeighbourFeatures values) {
     Doubles sorted[K];
     copy_sorted(others.radii, K, sorted);
     const Doubles s = (sorted[K / 2 - 1] + sorted[K / 2]) / 2.0 + MIN_SCALE_M;
@@ -114,7 +114,8 @@ Doubles write_distances(const Others<K>& others, Features values) {
 }
 
 // Writes what does not need vectors.
-void write_alone(const Near& near, Index p, int lane, Steps& steps, Features values) {
+void write_alone(const Near& near, Index p, int lane, StepBuffers& steps,
+                 NeighbourFeatures values) {
     const Sizes sizes = count_steps(near, p, steps);
     values.write_one(row::steps2, lane, static_cast<double>(sizes.two));
     values.write_one(row::component_size, lane, static_cast<double>(sizes.component));
@@ -128,10 +129,11 @@ void write_alone(const Near& near, Index p, int lane, Steps& steps, Features val
 
 }  // namespace
 
-void write_near(const Near& near, const Index* points, Steps& steps, double* scale, float* values) {
+void write_near(const Near& near, const Index* points, StepBuffers& steps, double* scale,
+                float* values) {
     for (int begin = 0; begin < LANES; begin += DOUBLES) {
         Others<K> others;
-        const Features written{values + begin};
+        const NeighbourFeatures written{values + begin};
         for (int lane = 0; lane < DOUBLES; ++lane) {
             const Index p = points[begin + lane];
             write_alone(near, p, lane, steps, written);  // it checks what the neighbours are

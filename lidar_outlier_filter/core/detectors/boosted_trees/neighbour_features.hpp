@@ -43,13 +43,13 @@ enum Far {
 }  // namespace row
 
 // Features of the points side by side in vectors.
-struct Features {
+struct NeighbourFeatures {
     float* values;  // rows are LANES apart
 
-    void write(int row, Doubles value) const {
+    void write(Index row, Doubles value) const {
         store(values + row * LANES, least(most(value, repeat(-MAX_FEATURE)), repeat(MAX_FEATURE)));
     }
-    void write_one(int row, int lane, double value) const {
+    void write_one(Index row, int lane, double value) const {
         values[row * LANES + lane] =
             static_cast<float>(std::min(std::max(value, -MAX_FEATURE), MAX_FEATURE));
     }
@@ -70,11 +70,11 @@ struct Planes {
 };
 
 inline constexpr Index LARGEST_COMPONENT = 61;  // points: so many are no group
-inline constexpr Index MAX_REACHED = LARGEST_COMPONENT + 1 + K + K * K;  // before the steps end
+inline constexpr Index MAX_REACHED = LARGEST_COMPONENT + 1 + K * Index{K + 1};  // before the steps end
 inline constexpr Index TABLE = 1024;  // slots for those, a power of 2: few of them meet
 
 // Room for the steps of one point after the other.
-struct Steps {
+struct StepBuffers {
     Index reached[MAX_REACHED];  // in the order in which they were found
     Index table[TABLE];          // of what is hashed; what is below `mark` is of earlier points
     Index mark;
@@ -85,13 +85,15 @@ struct Sizes {
 };
 
 // Counts the other points that two steps from p lead to, and all that any number of them does.
-Sizes count_steps(const Near& near, Index p, Steps& steps);
+Sizes count_steps(const Near& near, Index p, StepBuffers& steps);
 
 // Writes the features of LANES points among eight neighbours, and s (LANES,), metres.
-void write_near(const Near& near, const Index* points, Steps& steps, double* scale, float* values);
+void write_near(const Near& near, const Index* points, StepBuffers& steps, double* scale,
+                float* values);
 
 // Writes all features of LANES points, whose sixty neighbours are in these rows of far.index.
-void write_far(const Far& far, const Index* points, const Index* rows, Steps& steps, float* values);
+void write_far(const Far& far, const Index* points, const Index* rows, StepBuffers& steps,
+               float* values);
 
 }  // namespace LEVEL
 }  // namespace lidar

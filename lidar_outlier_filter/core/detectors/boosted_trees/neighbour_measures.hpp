@@ -79,7 +79,7 @@ inline Planes find_plane(const Others<ROWS>& others, Index count) {
 }
 
 // Writes how far a point and its neighbours (rms) are from their plane, or line: three rows.
-inline void write_off(const Planes& plane, Doubles s, int row, Features values) {
+inline void write_off(const Planes& plane, Doubles s, int row, NeighbourFeatures values) {
     const Doubles x = plane.mean[0], y = plane.mean[1], z = plane.mean[2];
     const Doubles along = x * plane.vector[0] + y * plane.vector[1] + z * plane.vector[2];
     const Doubles nothing = repeat(0.0);
@@ -96,7 +96,7 @@ inline void write_off(const Planes& plane, Doubles s, int row, Features values) 
 // Writes how far points are below and above the first `count` neighbours, in two rows each.
 template <int ROWS>
 inline void write_heights(const Doubles* z, Index count, Doubles s, int below, int sunk,
-                          Features values) {
+                          NeighbourFeatures values) {
     Doubles sorted[ROWS];
     copy_sorted(z, count, sorted);
     const Index quarter = count / 4;

@@ -57,7 +57,7 @@ void write_large_components(Near near, Index begin, Index end, View<bool> is_lar
     check_near(near);
     check(is_large.size() == near.xyz.size(), "is_large must be (N,)");
     check_range(begin, end, is_large.size());
-    Steps steps{};
+    StepBuffers steps{};
     for (Index p = begin; p < end; ++p) {
         if (number(near.xyz.row(p)) % SAMPLED == 0) {
             is_large[p] = count_steps(near, p, steps).component == LARGEST_COMPONENT;
@@ -74,7 +74,7 @@ void judge_near(Near near, Trees trees, View<const Index> which, Index begin, In
         check_indices(part(which, begin, end), near.xyz.size());
     }
     check_written(begin, end, row::NEAR_COUNT, odds, values);
-    Steps steps{};
+    StepBuffers steps{};
     Index points[LANES];
     double scale[LANES];
     float some[row::NEAR_COUNT][LANES], total[LANES];
@@ -101,7 +101,7 @@ void judge_far(Far far, Trees trees, View<const Index> which, Index begin, Index
     check_written(begin, end, row::FAR_COUNT, odds, values);
     check_indices(part(which, begin, end), far.near.xyz.size());
     check_indices(part(far.index, begin, end), far.near.xyz.size());
-    Steps steps{};
+    StepBuffers steps{};
     Index points[LANES], rows[LANES];
     float some[row::FAR_COUNT][LANES], total[LANES];
     for (Index start = begin; start < end; start += LANES) {

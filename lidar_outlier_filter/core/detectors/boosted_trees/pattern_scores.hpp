@@ -36,7 +36,7 @@ enum SecondFeature {
     SECOND_FEATURES
 };
 inline constexpr float CLIP = 4;      // of scores
-inline constexpr float UNKNOWN = -5;  // a mean of none
+inline constexpr float NO_MEAN = -5;  // a mean of none
 
 namespace LEVEL {
 
@@ -48,7 +48,7 @@ struct Mean {
         count += choose(mask, repeat(1.0F), repeat(0.0F));
     }
     [[gnu::always_inline]] Singles value() const {
-        return choose(count > repeat(0.0F), sum / count, repeat(UNKNOWN));
+        return choose(count > repeat(0.0F), sum / count, repeat(NO_MEAN));
     }
 };
 

@@ -90,8 +90,8 @@ void judge_line(const Judged& judged, const Rows& rows, Index number) {
     for (Index k = pattern.first[number]; k < pattern.last[number];) {
         k = some.find(judged.asked.data, k, pattern.last[number]);
         // Each lane gets what it would get alone.
-        const int vectors = (some.count + WIDTH - 1) / WIDTH;
-        for (int n = 0; n < vectors; ++n) {
+        const Index vectors = (some.count + WIDTH - 1) / WIDTH;
+        for (Index n = 0; n < vectors; ++n) {
             const auto to = reinterpret_cast<float(*)[POINTS]>(&found[0][n * WIDTH]);
             write_features<PLAIN>(judged, rows, line, some.places + n * WIDTH, {to});
         }

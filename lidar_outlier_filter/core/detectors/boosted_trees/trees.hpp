@@ -69,7 +69,7 @@ template <int VECTORS, int ROW>
             some[n] = some[n] + choose(above(0), right, left);
         }
     }
-    for (int n = 0; n < VECTORS; ++n) {
+    for (Index n = 0; n < VECTORS; ++n) {
         store(total + n * WIDTH, some[n]);
     }
 }

@@ -173,7 +173,7 @@ template <int SIZE, typename Number>
 
 template <int SIZE>
 [[gnu::always_inline]] inline void fill_columns(const Window& window, Index i, Doubles* columns) {
-    const Points& local = window.local;
+    const Coordinates& local = window.local;
     write_columns<SIZE>(load(local.x + i), load(local.y + i), load(local.z + i), columns);
 }
 

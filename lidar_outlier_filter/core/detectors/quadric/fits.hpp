@@ -17,10 +17,10 @@ struct Squares {  // sums of the squares of the residuals over σ²; NaN: parame
 void set_axes(const double* values, const double (*vectors)[3], Plane& plane);
 
 // Planes; the points are those from begin to end.
-void fit_plane(Window& window, const Points& points, Index begin, Index end);
+void fit_plane(Window& window, const Coordinates& points, Index begin, Index end);
 bool is_plane(const Window& window, double floor);
 bool adjust_plane(Window& window, double floor);
-void measure_heights(const Plane& plane, const Points& points, Index begin, Index end,
+void measure_heights(const Plane& plane, const Coordinates& points, Index begin, Index end,
                      double* heights);
 
 // Paraboloids and quadrics; SIZE is one of PARABOLOID and QUADRIC.

@@ -42,7 +42,7 @@ void set_axes(const double* values, const double (*vectors)[3], Plane& plane) {
 }
 
 // Fits the plane through points begin to end by their weights, at least one of them not 0.
-void fit_plane(Window& window, const Points& points, Index begin, Index end) {
+void fit_plane(Window& window, const Coordinates& points, Index begin, Index end) {
     Plane& plane = window.plane;
     // Of p (x, y, z, 1) times 1, x, y and z, in the order of p * x * y.
     Quad sums{}, of_x{}, of_y{}, of_z{};
@@ -76,7 +76,7 @@ bool is_plane(const Window& window, double floor) {
 }
 
 // Measures the residuals (29) of points begin to end from a plane: heights over it.
-void measure_heights(const Plane& plane, const Points& points, Index begin, Index end,
+void measure_heights(const Plane& plane, const Coordinates& points, Index begin, Index end,
                      double* heights) {
     const double x = plane.axes[NORMAL][0], y = plane.axes[NORMAL][1], z = plane.axes[NORMAL][2];
     const double zero = x * plane.mean[0] + y * plane.mean[1] + z * plane.mean[2];

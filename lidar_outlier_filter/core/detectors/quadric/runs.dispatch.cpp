@@ -37,7 +37,7 @@ bool any(Wides mask) {
 }
 
 // Places that a run does not have get the weight 0, which changes no sum.
-void gather(const Points& points, Index begin, Index left, Runs& runs) {
+void gather(const Coordinates& points, Index begin, Index left, Runs& runs) {
     for (int lane = 0; lane < DOUBLES; ++lane) {
         const Index first = begin + lane * RUN;
         const Index count = std::max(std::min(RUN, left - first), Index{0});
@@ -184,7 +184,7 @@ void drop_worse_halves(Runs& runs, const Plane* planes) {
 
 }  // namespace
 
-void fit_runs(const Points& points, Index begin, Index left, Plane* planes) {
+void fit_runs(const Coordinates& points, Index begin, Index left, Plane* planes) {
     Runs runs;
     gather(points, begin, left, runs);
     fit(runs, planes);

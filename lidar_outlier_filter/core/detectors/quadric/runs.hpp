@@ -14,7 +14,7 @@ inline constexpr Index RUN = 16;  // points that follow each other in the window
 
 // Fits planes to up to DOUBLES runs of `left` points, the first of them at `begin`: each to its
 // half that agrees best with a plane through the whole run.
-void fit_runs(const Points& points, Index begin, Index left, Plane* planes);
+void fit_runs(const Coordinates& points, Index begin, Index left, Plane* planes);
 
 }  // namespace LEVEL
 }  // namespace lidar

@@ -30,7 +30,7 @@ struct Plane {
     return (points + PACK - 1) / PACK * PACK;
 }
 
-struct Points {  // coordinates, metres or in the scale of the window
+struct Coordinates {  // coordinates, metres or in the scale of the window
     double *x, *y, *z;
     double* quads;  // the same point by point: x, y, z, 1
 };
@@ -39,9 +39,9 @@ struct Points {  // coordinates, metres or in the scale of the window
 // in no fit, so that loops over points can do whole registers.
 struct Window {
     Index n = 0, padded = 0;
-    Points xyz{};           // of the frame of the cloud, until judge() scales them
-    Points local{};         // in the frame of the plane: along LONG, MIDDLE, NORMAL
-    Points some{};          // the points on no surface so far
+    Coordinates xyz{};      // of the frame of the cloud, until judge() scales them
+    Coordinates local{};    // in the frame of the plane: along LONG, MIDDLE, NORMAL
+    Coordinates some{};     // the points on no surface so far
     double* rows;           // (n, ROW) B (23) in the frame of the plane, and zeros
     double* variance;       // of any coordinate of each point; only their ratios count
     double* saved_test[2];  // test of the plane, and of the paraboloid
@@ -76,7 +76,7 @@ struct Window {
             return number - room * columns;
         };
         rows = some_numbers(ROW);
-        for (Points* points : {&xyz, &local, &some}) {
+        for (Coordinates* points : {&xyz, &local, &some}) {
             *points = {some_numbers(1), some_numbers(1), some_numbers(1), some_numbers(4)};
         }
         for (double** each : {&variance, saved_test, saved_test + 1, &residual, &sigma2, &slope,
