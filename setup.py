@@ -163,10 +163,9 @@ setup(
     data_files=shared_files(),
     zip_safe=True,
     python_requires='>=3.11',
-    # Lower bounds: what Ubuntu 24.04 packages; filterpy, mcap and rosbags come by pip only. rosbags
+    # Lower bounds: what Ubuntu 24.04 packages; mcap and rosbags come by pip only. rosbags
     # 0.11.6 is the first that refuses chunks and records that were cut off, 0.12 is not tested.
     install_requires=[
-        'filterpy>=1.4.5',  # `engine: filterpy`
         'mcap>=1.2,<2',
         'numpy>=1.26',
         'PyYAML>=6.0',

@@ -67,7 +67,7 @@ EXTRAS = {
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
 PIP_ONLY = words(
-    'boto3 dask distributed filterpy fsspec laspy lazrs lz4 lzf mcap mcap_ros2 moto playwright '
+    'boto3 dask distributed fsspec laspy lazrs lz4 lzf mcap mcap_ros2 moto playwright '
     'pyarrow pye57 rosbags zstandard'
 )
 SINCE_NUMPY_2 = {
@@ -177,8 +177,7 @@ def test_what_apt_lacks_is_one_list() -> None:
     pinned = dict(re.findall(r'^(\S+)==(\S+)', constraints, re.MULTILINE))
     listed = from_pip()
     assert {name: version for name, (version, _) in listed.items()}.items() <= pinned.items()
-    needed = (foreign(NAME) & PIP_ONLY - set(EXTRAS)) | {'filterpy'}
-    assert pypi_names(needed) <= set(listed)
+    assert pypi_names(foreign(NAME) & PIP_ONLY - set(EXTRAS)) <= set(listed)
     dockerfile = (ROOT / 'Dockerfile').read_text()
     assert dockerfile.count('pip install') == dockerfile.count('-r src/') == 1
     assert '-r src/lidar_outlier_filter/config/from_pip.txt' in dockerfile
@@ -236,7 +235,7 @@ def test_setup_lists_what_is_imported() -> None:
     extras = setup_argument('extras_require')
     imported = foreign(NAME)
     ros = imported - FROM_APT - set(EXTRAS) - PIP_ONLY
-    always = (imported - ros - set(EXTRAS)) | {'filterpy'}  # imported by name when it is chosen
+    always = imported - ros - set(EXTRAS)
     wheels = {f'ros-jazzy-{name.replace("_", "-")}' for name in ros}
     assert requirement_names(setup_argument('install_requires')) == pypi_names(always)
     # The middleware is loaded by rclpy, and imported by nobody.

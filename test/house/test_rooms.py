@@ -43,7 +43,7 @@ OUTSIDE = {
     'errors': (),
     'parameters': ('numpy', 'yaml'),
     'disk': ('numpy',),
-    'core': ('filterpy', 'numpy', 'scipy'),
+    'core': ('numpy', 'scipy'),
     'messages': ('numpy',),
     'pipeline': ('numpy', 'zstandard'),
     'recordings': ('mcap', 'numpy', 'rosbags', 'yaml'),

@@ -109,7 +109,7 @@ FILE = """
     chain: [alpha_beta_gamma]
     alpha_beta_gamma:
       sigma: 1
-      engine: filterpy
+      sides: both
     qos_overrides:
       /points:
         subscription: {reliability: reliable, depth: 7}
@@ -131,7 +131,7 @@ def test_a_file_for_everything(ros: Ros, tmp_path: Path) -> None:
         'gap_factor': 3.0,
         'chain': ['alpha_beta_gamma'],
         'alpha_beta_gamma.sigma': 1.0,
-        'alpha_beta_gamma.engine': 'filterpy',
+        'alpha_beta_gamma.sides': 'both',
     }
     assert values(node) == {item.name: _plain(item.default) for item in describe()} | changed
     (points,) = (item for item in node.subscriptions if item.topic_name == '/points')

@@ -39,11 +39,6 @@ class AlphaBetaGamma(Section):
     passes: int = declare(
         30, 'Maximum number of passes; the last rejects all failing points.', '', 1, 1000
     )
-    engine: str = declare(
-        'kernel',
-        'kernel: compiled; filterpy: a Kalman filter with RTS smoother, slow but auditable.',
-        choices=('kernel', 'filterpy'),
-    )
 
     @property
     def min_window(self) -> int:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast α-β-γ smoother is its naive twin, and does what is promised of it."""
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +19,6 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line
-from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GAP = 1.5
@@ -231,40 +229,6 @@ def test_degenerate_windows(name: str, order: int, sides: str) -> None:
     assert_same(result, expected, rtol=1e-9, atol=1e-9)
     if name in ('one point', 'one time') or (name, order) == ('two times', 2):
         assert np.isnan(result.score).all()
-
-
-# The other engine ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ('name', 'sides', 'order', 'own'),
-    [
-        ('corners', 'either', 1, False),
-        ('irregular', 'either', 2, True),
-        ('ties', 'both', 1, True),
-        ('short_segments', 'either', 2, True),
-        ('utm', 'either', 2, False),
-    ],
-)
-def test_engine_filterpy_is_the_kernel(name: str, sides: str, order: int, *, own: bool) -> None:
-    """A Kalman filter with its smoother in place of the normal equations: the same verdicts."""
-    rng = np.random.default_rng(19)
-    cloud = CLOUDS[name](rng).take(slice(60))
-    if own:
-        cloud = with_own_sigma(cloud, rng)
-    parameters = smoother(sides=sides, order=order)
-    result = fast(cloud, replace(parameters, engine='filterpy'))
-    assert_same(result, fast(cloud, parameters), rtol=1e-5, atol=1e-9)
-
-
-def test_missing_filterpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the package the engine is refused by name."""
-    monkeypatch.setitem(sys.modules, 'filterpy', None)
-    monkeypatch.setitem(sys.modules, 'filterpy.kalman', None)
-    cloud = smooth(np.random.default_rng(1))
-    match = r"alpha_beta_gamma.engine must be 'kernel' where the .* filterpy is not installed"
-    with pytest.raises(ParameterError, match=match):
-        fast(cloud, smoother(engine='filterpy'))
 
 
 # Several returns of a shot ------------------------------------------------------------------------

@@ -12,7 +12,6 @@ kernel sums over those: with N their normal matrix (14), the prediction's varian
 and (16) is σ_k² + q.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma import normal_equations
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.normal_equations import (
     CENTRED,
     RATE,
@@ -29,6 +27,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.normal_equations impor
     T,
     X,
     empty_series,
+    residuals,
 )
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
@@ -36,8 +35,6 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import Lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -94,7 +91,6 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Scores:
     before, after = parameters.before, parameters.after
     series = _series(points, lines, max(before, after))
     links = series.before, series.after
-    residuals = _engine(parameters)
     everything = np.arange(len(points), dtype=np.int64)
     standard = residuals(series, everything, parameters)
     precision = _precision(standard, points, lines, parameters)
@@ -133,14 +129,6 @@ def _series(points: Points, lines: Lines, pad: int) -> Series:
     series.row(WEIGHT)[:] = 1.0 if points.sigma is None else points.sigma**-2.0
     series.row(RATE)[:] = np.repeat(rate, np.diff(lines.first))
     return series
-
-
-def _engine(parameters: AlphaBetaGamma) -> Residuals:
-    if parameters.engine == 'kernel':
-        return normal_equations.residuals
-    from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine  # noqa: PLC0415  optional
-
-    return filterpy_engine.residuals
 
 
 def _precision(
