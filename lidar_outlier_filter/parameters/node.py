@@ -95,9 +95,3 @@ class HealthLimits:
         0.9, 'Share of the points that no detector could test.', '', 0.0, 1.0
     )
     silence_warn: float = declare(2.0, 'Time without a cloud.', 's', 0.0, 1e6)
-    blind: float = declare(
-        0.5, 'Share of the usual returns of a sector that are missing: a warning.', '', 0.0, 1.0
-    )
-    visibility: float = declare(
-        50.0, 'Lowest visibility without a warning; 0: never warn.', 'm', 0.0, 1000.0
-    )

@@ -3,7 +3,6 @@
 """One topic in a node: its subscriptions, worker and publishers."""
 
 import math
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -25,7 +24,6 @@ from lidar_outlier_filter.pipeline.compressed import FORMATS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED
-from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Received, Treatment
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
@@ -60,12 +58,6 @@ class Channel:
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
-        self._watch = SensorWatch()
-        # Clouds that were not judged, at the last samples. One that was lost may show in the next.
-        self._unseen: deque[int] = deque(maxlen=3)
-        self._filter.show.append(
-            lambda cloud, _: self._watch.add(cloud, has_rings=self._filter.has_rings)
-        )
         self._clock = DelayClock(node)
         self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
@@ -123,8 +115,7 @@ class Channel:
         megabytes, waiting = inbox.size / MEGABYTE, self._filter.pending
         backlog = Backlog(inbox.clouds, megabytes, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
-        remarks, view = self._remarks(), self._watch.sample(limits, is_whole=self._is_whole())
-        return self.health.sample(seconds, limits, max_delay, backlog, remarks, view)
+        return self.health.sample(seconds, limits, max_delay, backlog, self._remarks())
 
     def close(self) -> None:
         """Receive no more; what was received is filtered, however much it is."""
@@ -145,12 +136,6 @@ class Channel:
         """Stop the worker, and destroy the publishers."""
         self.stop()
         self.publisher.destroy()
-
-    def _is_whole(self) -> bool:
-        """Return whether the stream of judged clouds had no gap lately."""
-        counts = self.statistics
-        self._unseen.append(self.health.losses().total() + counts.refused + counts.resets)
-        return len(set(self._unseen)) == 1
 
     def _remarks(self) -> list[str]:
         remarks = []

@@ -10,7 +10,6 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import installed
-from lidar_outlier_filter.pipeline.visibility import UNSEEN, VIEWED
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.health import ERROR, OK, WARN, Report
 from lidar_outlier_filter.ros.live_parameters import TunableNode
@@ -28,7 +27,6 @@ class Diagnostics:
         self._channels = channels
         self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._plotted = node.create_publisher(Float64MultiArray, '~/statistics', 10)
-        self._seen = node.create_publisher(Float64MultiArray, '~/visibility', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = self._steady.now().nanoseconds
         self._timer = node.create_timer(PERIOD, self._sample, clock=self._steady)
@@ -36,7 +34,7 @@ class Diagnostics:
     def end(self) -> None:
         """Stop sampling."""
         self._node.destroy_timer(self._timer)
-        for publisher in (self._status, self._plotted, self._seen):
+        for publisher in (self._status, self._plotted):
             self._node.destroy_publisher(publisher)
 
     def _sample(self) -> None:
@@ -52,8 +50,6 @@ class Diagnostics:
         self._plotted.publish(
             self._table([*reports[0].plotted], [[*one.plotted.values()] for one in reports])
         )
-        views = [UNSEEN if one.view is None else one.view.plotted() for one in reports]
-        self._seen.publish(self._table(VIEWED, views))
 
     def _say(self, channel: Channel, report: Report) -> DiagnosticStatus:
         # A detector that is refused may not be missed: no reason to warn in each status.

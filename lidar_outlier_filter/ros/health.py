@@ -19,7 +19,6 @@ from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.parameters.node import ERROR_LIMITS, HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import config_folder
 from lidar_outlier_filter.pipeline.statistics import Statistics
-from lidar_outlier_filter.pipeline.visibility import SensorView
 from lidar_outlier_filter.ros.backlog import Treatment
 
 OK, WARN, ERROR = 0, 1, 2
@@ -160,19 +159,15 @@ class Health:
         advice = f'; {self._advice}' if LOST in new else ''
         return f'clouds not filtered fully since the last warning: {counts}{reason}{advice}'
 
-    def sample(  # noqa: PLR0913  what others know
+    def sample(
         self,
         seconds: float,
         limits: HealthLimits,
         max_delay: float,
         backlog: Backlog,
         remarks: Sequence[str] = (),
-        view: SensorView | None = None,
     ) -> Report:
-        """Summarise the seconds since the last sample.
-
-        ``remarks`` are warnings of others, ``view`` is what the sensor saw.
-        """
+        """Summarise the seconds since the last sample; ``remarks`` are warnings of others."""
         with self._lock:
             tally, self._tally = self._tally, _Tally()
             counts, before = self._counts, self._before
@@ -188,16 +183,12 @@ class Health:
             tally, since, counts, before, seconds, backlog, self._silent, waits, self._advice
         )
         complaints = [*state.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
-        if view is not None:
-            complaints += [(WARN, text) for text in view.complaints(limits)]
         return Report(
             max((level for level, _ in complaints), default=OK),
             '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
             state.values()
-            | {'lost': str(self._missed[LOST]), 'dropped': str(self._missed[DROPPED])}
-            | ({} if view is None else view.values()),
+            | {'lost': str(self._missed[LOST]), 'dropped': str(self._missed[DROPPED])},
             state.plotted(),
-            view,
         )
 
 
@@ -209,7 +200,6 @@ class Report:
     message: str
     values: dict[str, str]
     plotted: dict[str, float]
-    view: SensorView | None = None  # None: it has seen no cloud
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from contextlib import ExitStack, closing, suppress
 from http.client import HTTPConnection
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
 import pytest
 from helpers.browsers import new_tab
 from hypothesis import given
@@ -20,7 +19,6 @@ from hypothesis import strategies as st
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.visibility import BANDS, SECTORS, SensorView
 from lidar_outlier_filter.report.served import MAX_CONNECTIONS, MAX_REQUEST, PageServer
 
 if TYPE_CHECKING:
@@ -270,38 +268,18 @@ def test_any_request(  # noqa: PLR0913  the parts of one
 
 
 def test_diagnostics_in_a_browser(browser: Browser) -> None:
-    """Visibility is a table of its own, unknown values are dashes, no value is squeezed."""
-    rejected, no_return = np.full((SECTORS, len(BANDS)), 0.25), np.full(SECTORS, np.nan)
-    rejected[3] = np.nan
-    values = SensorView(rejected, no_return, np.inf).values()
+    """Values stand beside their names, and none is squeezed."""
     node = Settable()
     node.statuses = lambda: [  # type: ignore[method-assign]
-        {
-            'name': '/points',
-            'level': 1,
-            'message': 'slow',
-            'values': {'points': '1234567', **values},
-        }
+        {'name': '/points', 'level': 1, 'message': 'slow', 'values': {'points': '1234567'}}
     ]
     server = PageServer(node)
     server.start()
     tab = new_tab(browser, viewport={'width': 1280, 'height': 900})
     tab.goto(server.address)
-    tab.wait_for_selector('.sectors')
-    rows = [row.split('\t') for row in tab.inner_text('.sectors').splitlines()[2:]]
-    assert len(rows) == SECTORS
-    assert rows[3] == ['45–60°', '–', '–', '–', '–', '–']
-    assert rows[4] == ['60–75°', '–', '25.0 %', '25.0 %', '25.0 %', '25.0 %']
-    assert tab.inner_text('#statuses dl').split('\n') == [
-        'points',
-        '1234567',
-        'visibility, m',
-        'as usual',
-    ]
+    tab.wait_for_selector('#statuses dd')
+    assert tab.inner_text('#statuses dl').split('\n') == ['points', '1234567']
     # In one step: every status replaces the elements.
     assert tab.evaluate("document.querySelector('#statuses dd').getBoundingClientRect().width") > 80
-    width = "document.querySelector('{}').{}Width"
-    inside = f'{width.format(".sectors", "scroll")} <= {width.format("#statuses", "client")}'
-    assert tab.evaluate(inside)
     tab.context.close()
     server.close()

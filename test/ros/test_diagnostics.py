@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node says of itself, and what it does only where somebody listens."""
 
-import math
 import time
 
 import numpy as np
@@ -29,7 +28,6 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from lidar_outlier_filter.pipeline.visibility import VIEWED
 from lidar_outlier_filter.ros.health import ERROR, OK, WARN
 
 
@@ -162,25 +160,6 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
     while node.channels[0].publisher.outliers.get_subscription_count():
         ros.executor.spin_once(0.05)
     assert taken(sweeps[3]) == [(True, False)]
-
-
-def test_what_a_sensor_sees(ros: Ros, sweeps: list[PointCloud2]) -> None:
-    """Shares by sector and range have a topic of their own, and stand in the diagnostics."""
-    node = ros.filter()
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
-    sensor.publish(sweeps[0], expected=1)
-    topic = '/outlier_filter_node/visibility'
-    table = ros.wait_for_message(Float64MultiArray, topic, lambda one: np.isfinite(one.data).any())
-    rows, columns = table.layout.dim
-    assert (rows.label, rows.size, columns.size) == ('points', 1, len(VIEWED))
-    values = dict(zip(columns.label.split(','), table.data, strict=True))
-    assert list(values) == list(VIEWED)
-    # One cloud is not enough to know what is usual.
-    assert math.isnan(values['visibility'])
-    shares = [value for name, value in values.items() if name.startswith('rejected')]
-    assert 0 <= np.nanmin(shares) <= np.nanmax(shares) <= 1
 
 
 def test_the_size_that_a_refused_cloud_claims(ros: Ros) -> None:

@@ -15,7 +15,6 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.detectors.builtin import AlphaBetaGamma
-from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.ros.backlog import Treatment
@@ -95,27 +94,6 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
     assert 'overload: clouds are filtered along scan lines only' in message
-
-
-def test_gaps_in_the_stream_are_no_dirt(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After clouds that were dropped or refused, and a reset, two samples say nothing of dirt."""
-    node, _ = start(ros)
-    channel = node.channels[0]
-    said: list[bool] = []
-    monkeypatch.setattr(channel._watch, 'sample', lambda _, *, is_whole: said.append(is_whole))
-    for lose in (
-        str,
-        lambda: channel.health.missed('dropped'),
-        lambda: channel.health.missed('lost in transit'),
-        lambda: channel._filter.refused(CloudError('a', 'b', 'c')),
-        channel._filter.reset,
-    ):
-        said.clear()
-        lose()
-        channel._filter.advance()
-        for _ in range(4):
-            channel.sample(1.0)
-        assert said == ([True] * 4 if lose is str else [False, False, True, True])
 
 
 @pytest.mark.parametrize(

@@ -86,17 +86,6 @@ struct type_caster<lidar::Windows>
                            bool> {};
 
 template <>
-struct type_caster<lidar::ViewCells>
-    : lidar::struct_caster<lidar::ViewCells, lidar::View<const double, 2>,
-                           lidar::View<const double>, lidar::View<const double>> {};
-
-template <>
-struct type_caster<lidar::ViewTally>
-    : lidar::struct_caster<lidar::ViewTally, lidar::View<lidar::Index, 2>,
-                           lidar::View<lidar::Index, 2>, lidar::View<lidar::Index, 2>,
-                           lidar::View<lidar::Index, 2>> {};
-
-template <>
 struct type_caster<lidar::Pattern>
     : lidar::struct_caster<
           lidar::Pattern, lidar::View<const lidar::Index>, lidar::View<const lidar::Index, 2>,
@@ -250,7 +239,7 @@ void bind_neighbours(py::module_& m) {
     m.def("tree_leaves", &tree_leaves, arg("tree"), WithoutGil());
 }
 
-// core/points, core/verdict, pipeline/visibility ----------------------------------------------
+// core/points, core/verdict -------------------------------------------------------------------
 
 void bind_points(py::module_& m) {
     m.def("mark_returns", &mark_returns, arg("xyz"), arg("farthest"), arg("result"), WithoutGil());
@@ -269,8 +258,6 @@ void bind_points(py::module_& m) {
           arg("poses"), arg("mounted_at"), arg("mounted"), arg("result"), WithoutGil());
     m.def("add_scores", &add_scores, arg("bit"), arg("where"), arg("score"), arg("largest"),
           arg("detectors"), arg("undecided"), WithoutGil());
-    m.def("count_view", &count_view, arg("xyz"), arg("line"), arg("rejected"), arg("cells"),
-          arg("tally"), WithoutGil());
 }
 
 // core/scan_pattern ---------------------------------------------------------------------------

@@ -5,7 +5,6 @@
 
 #include <cmath>
 
-#include "azimuth.hpp"
 #include "points.hpp"
 
 namespace lidar {
@@ -13,9 +12,14 @@ namespace {
 
 constexpr double TURN = 2 * 3.141592653589793;
 
+// Returns the column of a point, of so many in a turn; 0 of NaN.
 Index column_of(const double* p, Index columns) {
-    return LEVEL::sector_of((std::atan2(p[1], p[0]) / TURN) * static_cast<double>(columns),
-                            columns);
+    const double azimuth = (std::atan2(p[1], p[0]) / TURN) * static_cast<double>(columns);
+    if (!(std::abs(azimuth) <= static_cast<double>(columns))) {
+        return 0;
+    }
+    const Index column = static_cast<Index>(std::floor(azimuth)) % columns;
+    return column < 0 ? column + columns : column;
 }
 
 double range_of(const double* p) {

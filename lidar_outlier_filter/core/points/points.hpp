@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// What Python calls of this room, and of those that look at each point once: verdicts, views.
+// What Python calls of this room, and of verdicts.
 #pragma once
 
 #include <cstdint>
@@ -47,19 +47,5 @@ void move_points(View<const double, 2> xyz, View<const Index> t, View<const bool
 // verdict.cpp, beside verdict.py
 void add_scores(std::uint16_t bit, View<const Index> where, View<const double> score,
                 View<float> largest, View<std::uint16_t> detectors, View<std::uint16_t> undecided);
-
-// view.cpp, for pipeline/visibility.py
-struct ViewTally {                    // counts
-    View<Index, 2> points, rejected;  // (sectors, bands)
-    View<Index, 2> kept;              // (rings, sectors)
-    View<Index, 2> steps;             // (sectors, steps of the range)
-};
-struct ViewCells {
-    View<const double, 2> edges;  // (sectors + 1, 2) unit vectors, the first again at the end
-    View<const double> bands;     // squares of the ranges at which bands begin, but for the first
-    View<const double> ends;      // squares of the ranges at which steps end, the last inf
-};
-void count_view(View<const double, 2> xyz, View<const Index> line, View<const bool> rejected,
-                const ViewCells& cells, const ViewTally& tally);
 
 }  // namespace lidar

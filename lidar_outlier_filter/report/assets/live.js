@@ -131,36 +131,10 @@ async function showStatus() {
   if (!status.statuses.length) return;
   at('statuses').replaceChildren(...status.statuses.map((one) => {
     const facts = node('dl', {});
-    const { plain, sectors, bands } = sortValues(one.values);
-    list(facts, plain);
+    list(facts, Object.entries(one.values));
     const level = node('strong', { class: `level level-${one.level}` }, LEVELS[one.level] ?? `${one.level}`);
-    const parts = sectors.size ? [node('h3', {}, 'Visibility'), visibility(sectors, bands)] : [];
-    return node('div', {}, node('h3', {}, one.name), node('p', {}, level, ` ${one.message}`), facts, ...parts);
+    return node('div', {}, node('h3', {}, one.name), node('p', {}, level, ` ${one.message}`), facts);
   }));
-}
-
-// Unknown values are NaN; a visibility that is not less than usual is infinite.
-const number = (text) => (text.startsWith('nan') ? '–' : text.replace(/^inf$/, 'as usual'));
-
-// Values of sectors are a table of their own: returns that are missing, and shares that are rejected.
-function sortValues(values) {
-  const [plain, sectors] = [[], new Map()];
-  let bands = [];
-  for (const [name, value] of Object.entries(values)) {
-    const [, what, sector, from] = /^(missing|rejected) at ([^,]+)(?:, from (.+) m)?$/.exec(name) ?? [];
-    if (!what) plain.push([name, number(value)]);
-    else sectors.set(sector, [...(sectors.get(sector) ?? []), ...value.split(', ').map(number)]);
-    if (from) bands = from.split(', ');
-  }
-  return { plain, sectors, bands };
-}
-
-function visibility(sectors, bands) {
-  const row = (kind, cells) => node('tr', {}, ...cells.map((cell) => node(kind, {}, cell)));
-  const above = node('tr', {}, node('th', {}, ''), node('th', {}, ''), node('th', { colspan: bands.length }, 'rejected, by range in m'));
-  const head = row('th', ['sector', 'missing', ...bands.map((from) => `${from} +`)]);
-  const rows = [...sectors].map(([sector, cells]) => row('td', [sector.replaceAll('°', '').replace(' to ', '–') + '°', ...cells]));
-  return node('table', { class: 'sectors' }, above, head, ...rows);
 }
 
 function showTopics(topics) {

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.pipeline.visibility import CELLS, SECTORS, STEPS
 
 N = 5
 XYZ, LINE, TIME = np.ones((N, 3)), np.arange(N), np.arange(N)
@@ -35,16 +34,12 @@ GOOD: dict[str, tuple[Any, ...]] = {
         *(1, PLACES, np.zeros(N), np.zeros(N, np.float32)),
         *(np.zeros(N, np.uint16), np.zeros(N, np.uint16)),
     ),
-    'count_view': (XYZ, LINE, YES, CELLS),
 }
-TALLY = whole(SECTORS, 4), whole(SECTORS, 4), whole(2, SECTORS), whole(SECTORS, STEPS)
 
 
 def call(name: str, arguments: tuple[Any, ...]) -> object:
     """Call a loop on copies, so that nothing is written into what is given."""
     copies = [a.copy(order='K') if isinstance(a, np.ndarray) else a for a in arguments]
-    if name == 'count_view':
-        copies.append(tuple(table.copy() for table in TALLY))
     return getattr(_kernels, name)(*copies)
 
 
@@ -98,18 +93,9 @@ def test_numbers_that_are_no_places_are_refused(name: str, argument: int, wrong:
         call(name, (*good[:argument], wrong, *good[argument + 1 :]))
 
 
-def test_tallies_of_other_cells_are_refused() -> None:
-    """A view is counted in tables of its own sectors, bands and steps."""
-    for i, table in enumerate(TALLY):
-        other = table[:, :-1].copy()
-        with pytest.raises(ValueError, match='must'):
-            _kernels.count_view(XYZ, LINE, YES, CELLS, (*TALLY[:i], other, *TALLY[i + 1 :]))
-
-
 def test_points_without_a_number_are_counted_somewhere() -> None:
     """NaN, infinite coordinates and lines without a ring lead nowhere outside of the tables."""
     odd = np.array([[np.nan] * 3, [np.inf] * 3, [-np.inf, np.nan, 0], [1e308] * 3, [0.0] * 3])
     line = np.array([-1, 2**62, -(2**62), 1, 0])
-    call('count_view', (odd, line, ~YES, CELLS))
     call('find_columns', (odd, *GOOD['find_columns'][1:]))
     call('find_masked', (odd, line, *GOOD['find_masked'][2:]))
