@@ -29,13 +29,13 @@ _OF_THE_READER = (
     UnicodeError,
     struct.error,
 )
-LONGEST = 1000  # characters of each part of a sentence: what is quoted may be a megabyte
+MAX_CHARACTERS = 1000  # characters of each part of a sentence: what is quoted may be a megabyte
 
 
 def short(text: str) -> str:
-    """Leave out the middle of a text longer than ``LONGEST``."""
-    half = LONGEST // 2
-    return text if len(text) <= LONGEST else f'{text[:half]}…{text[-half:]}'
+    """Leave out the middle of a text longer than ``MAX_CHARACTERS``."""
+    half = MAX_CHARACTERS // 2
+    return text if len(text) <= MAX_CHARACTERS else f'{text[:half]}…{text[-half:]}'
 
 
 def printable(text: str) -> str:

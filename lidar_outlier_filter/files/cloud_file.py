@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.errors import CloudError, FilterError, refusing
 
-CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
+CHUNK_ROWS = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 _BYTES_AT_ONCE = 2**20
 _MAX_DIGITS = 18  # of a number that is less than 2^63
 

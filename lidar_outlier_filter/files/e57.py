@@ -22,7 +22,13 @@ from pye57 import libe57
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.points.poses import SensorExtrinsics
 from lidar_outlier_filter.errors import CloudError, PoseError
-from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile, check_count, check_fits
+from lidar_outlier_filter.files.cloud_file import (
+    CHUNK_ROWS,
+    Change,
+    CloudFile,
+    check_count,
+    check_fits,
+)
 from lidar_outlier_filter.files.ply import header_of
 from lidar_outlier_filter.files.rows import BinaryRows, to_common_frame
 
@@ -97,7 +103,7 @@ class E57File(CloudFile):
         self, node: Any, scan: _PosedScan, fields: Sequence[str]
     ) -> Iterator[dict[str, NDArray[Any]]]:
         """Read fields of a scan chunk by chunk."""
-        size = min(CHUNK, scan.count)
+        size = min(CHUNK_ROWS, scan.count)
         columns = {
             field: np.empty(size, _FLOAT if scan.fields[field].kind == 'f' else _WHOLE)
             for field in fields

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.files import unpack_laz
-from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile
+from lidar_outlier_filter.files.cloud_file import CHUNK_ROWS, Change, CloudFile
 from lidar_outlier_filter.files.las_header import (
     MAX_HEADER_BYTES,
     USER,
@@ -39,7 +39,7 @@ from lidar_outlier_filter.files.las_header import (
     read_records,
 )
 
-NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
+LOW_NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 _DESCRIBED = ('LASF_Spec', EXTRA_BYTES)
 _HEAD_BYTES = 54  # of a record
@@ -131,8 +131,8 @@ class LasFile(CloudFile):
     def _points(self, reader: laspy.LasReader, requested: Parts) -> Iterator[Any]:
         """Read points chunk by chunk; of LAZ, only the requested parts."""
         if reader.header.are_points_compressed:
-            return _unpacked(self.path, reader.header, requested, CHUNK)
-        return iter(reader.chunk_iterator(CHUNK))
+            return _unpacked(self.path, reader.header, requested, CHUNK_ROWS)
+        return iter(reader.chunk_iterator(CHUNK_ROWS))
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy, compressed if its name ends with .laz."""
@@ -266,7 +266,7 @@ def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:
     """Return the points of a chunk, changed."""
     if change.noise is not None or change.high is not None:
         classes = np.array(points.classification)
-        for some, number in ((change.noise, NOISE), (change.high, HIGH_NOISE)):
+        for some, number in ((change.noise, LOW_NOISE), (change.high, HIGH_NOISE)):
             if some is not None:
                 classes[some[part]] = number
         points.classification = classes

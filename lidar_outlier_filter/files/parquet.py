@@ -17,7 +17,7 @@ from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
-    CHUNK,
+    CHUNK_ROWS,
     Change,
     CloudFile,
     check_count,
@@ -58,7 +58,7 @@ class ParquetFile(CloudFile):
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; null is missing."""
         with self.path.open('rb') as stream, parquet.ParquetFile(stream) as file:
-            for batch in file.iter_batches(CHUNK, columns=list(dict.fromkeys(names))):
+            for batch in file.iter_batches(CHUNK_ROWS, columns=list(dict.fromkeys(names))):
                 yield tuple(_numbers(batch.column(name)) for name in names)
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:

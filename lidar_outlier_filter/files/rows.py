@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools, Floats, Rows
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import (
-    CHUNK,
+    CHUNK_ROWS,
     Change,
     CloudFile,
     check_count,
@@ -86,8 +86,8 @@ class BinaryRows:
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
-        for begin in range(0, len(self._rows), CHUNK):
-            rows = self._rows[begin : begin + CHUNK]
+        for begin in range(0, len(self._rows), CHUNK_ROWS):
+            rows = self._rows[begin : begin + CHUNK_ROWS]
             yield tuple(np.ascontiguousarray(rows[name]) for name in names)
 
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
@@ -98,8 +98,8 @@ class BinaryRows:
         is_big = any(kind[name].base.byteorder == '>' for name in kind.names or ())
         order: Literal['<', '>'] = '>' if is_big else '<'
         added = [(name, values.dtype.newbyteorder(order)) for name, values in change.added.items()]
-        for begin in range(0, len(self._rows), CHUNK):
-            part = slice(begin, begin + CHUNK)
+        for begin in range(0, len(self._rows), CHUNK_ROWS):
+            part = slice(begin, begin + CHUNK_ROWS)
             rows = self._rows[part].view(plain)
             if added:
                 wider = np.empty(len(rows), np.dtype([('', plain), *added]))
@@ -109,7 +109,7 @@ class BinaryRows:
                 rows = wider
             kept = rows if change.keep is None else rows[change.keep[part]]
             stream.write(kept.tobytes())
-            yield begin + CHUNK
+            yield begin + CHUNK_ROWS
 
 
 class TextRows:
@@ -198,7 +198,7 @@ class TextRows:
             stream.seek(self._offset)
             lines, found = _joined(stream), 0
             most = sys.maxsize if self._count is None else self._count
-            while chunk := list(islice(lines, min(CHUNK, most - found))):
+            while chunk := list(islice(lines, min(CHUNK_ROWS, most - found))):
                 found += len(chunk)
                 yield chunk
             if self._count is not None:

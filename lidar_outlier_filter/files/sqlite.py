@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of, open_logs
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, Change, CloudFile, parse_number
+from lidar_outlier_filter.files.cloud_file import CHUNK_ROWS, Change, CloudFile, parse_number
 
 VERDICT = '_verdict'  # behind the name of the table
 ROW_ID = 'rowid'
@@ -65,7 +65,7 @@ class SqliteFile(CloudFile):
             rows = (
                 tuple(map(self._number, names, row)) for row in self._select(database, requested)
             )
-            while chunk := list(islice(rows, CHUNK)):
+            while chunk := list(islice(rows, CHUNK_ROWS)):
                 yield tuple(_column(values) for values in zip(*chunk, strict=True))
 
     def _number(self, name: str, value: Any) -> float | None:
@@ -97,7 +97,7 @@ class SqliteFile(CloudFile):
                 with target:
                     target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
                     ids = self._select(source, ROW_ID)
-                    while rows := ids.fetchmany(CHUNK):
+                    while rows := ids.fetchmany(CHUNK_ROWS):
                         part = slice(done, done + len(rows))
                         added = [values[part].tolist() for values in change.added.values()]
                         numbers = (row[0] for row in rows)

@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.steps import Slider, above, exceeded
 
-NEAR = 0.8  # points with a larger score are explained
+NEAR_SCORE = 0.8  # points with a larger score are explained
 MAX_IN_BLOCK, MAX_IN_CLOUD = 2000, 20_000  # explained points of a block, and of a whole cloud
 STRONGEST = 3  # features that are kept of each point
 SHARED_BLOCKS = 4  # chains judge a block one after the other, or a few blocks
@@ -105,7 +105,7 @@ class ExplainingChain(Chain):
         score = cloud.verdict.score
         numbers = np.zeros((len(score), STRONGEST), np.int64)
         added = np.zeros((len(score), STRONGEST), np.float32)
-        where = np.flatnonzero(score > NEAR)
+        where = np.flatnonzero(score > NEAR_SCORE)
         for index, key in zip(where.tolist(), _keys(cloud.points, where), strict=True):
             for noted, names, values in self._noted.get(key, (0, []))[1]:
                 if noted == float(score[index]):
@@ -120,7 +120,7 @@ class ExplainingChain(Chain):
 
 def _to_explain(score: Floats, most: int) -> Bools:
     """Choose the rejected points, then others near the threshold, at most so many."""
-    near = np.flatnonzero(score > NEAR)
+    near = np.flatnonzero(score > NEAR_SCORE)
     if len(near) > most:
         order = np.lexsort((np.arange(len(near)) * 7919 % len(near), score[near] <= 1))
         near = near[order[:most]]

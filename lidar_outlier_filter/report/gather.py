@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.report.chains import NEAR, ExplainingChain, SharedInputs
+from lidar_outlier_filter.report.chains import NEAR_SCORE, ExplainingChain, SharedInputs
 from lidar_outlier_filter.report.points import RECORDED, fill, thin
 from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
 from lidar_outlier_filter.report.steps import (
@@ -36,8 +36,8 @@ from lidar_outlier_filter.report.steps import (
     choose_steps,
 )
 
-STRETCH = SECOND // 10  # nanoseconds: shorter clouds within this time are one frame
-SHORT = STRETCH // 4
+FRAME_NS = SECOND // 10  # nanoseconds: shorter clouds within this time are one frame
+SHORT = FRAME_NS // 4
 MAX_FRAMES = 1000
 APART = 0.3  # of the size of a frame: frames whose middles are farther apart lie side by side
 PART = 100_000  # points of a file that are drawn together
@@ -263,7 +263,7 @@ def cut(points: Rows, source: Source, known: Ints) -> tuple[Rows, Frames]:
         number, clouds = _by_time(points, known)
     else:
         number, clouds = _by_place(points), ()
-    marked = (points['bits'] != 0) | points['rejected'] | (points['score'] > NEAR)
+    marked = (points['bits'] != 0) | points['rejected'] | (points['score'] > NEAR_SCORE)
     order = np.lexsort((~marked, number))
     count = int(number.max()) + 1 if len(number) else 0
     first = np.searchsorted(number[order], np.arange(count + 1))
@@ -293,7 +293,7 @@ def _by_time(points: Rows, known: Ints) -> tuple[Ints, tuple[Ints, ...]]:
     first, last = np.minimum.reduceat(t, begin), np.maximum.reduceat(t, begin)
     frame = np.arange(len(there))
     if np.median(last - first) < SHORT:
-        frame = np.unique(first // STRETCH, return_inverse=True)[1]
+        frame = np.unique(first // FRAME_NS, return_inverse=True)[1]
     frame = frame // -(-(int(frame.max()) + 1) // MAX_FRAMES)
     frame = np.unique(frame, return_inverse=True)[1]
     # A cloud without kept points belongs to the frame before it.

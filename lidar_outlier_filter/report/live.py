@@ -13,8 +13,8 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Floats, Rows, Words
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.report.chains import NEAR
-from lidar_outlier_filter.report.gather import SHORT, STRETCH
+from lidar_outlier_filter.report.chains import NEAR_SCORE
+from lidar_outlier_filter.report.gather import FRAME_NS, SHORT
 from lidar_outlier_filter.report.points import LIVE, fill, intensity_limits, message, pack, thin
 from lidar_outlier_filter.report.sources import saved_columns
 
@@ -22,7 +22,7 @@ KEPT_SECONDS = 5.0  # of sensor time
 MAX_IN_FRAME = 20_000  # points of a frame that are drawn
 MAX_FRAMES = 100  # also where times stand still
 MAX_PENDING_CLOUDS, MAX_PENDING_POINTS = 1000, 2_000_000  # of a frame, before it is thinned
-WHOLE = STRETCH * 9 // 10  # nanoseconds that a frame covers
+WHOLE = FRAME_NS * 9 // 10  # nanoseconds that a frame covers
 REJECTED_BIT, NEAR_BIT = 1, 2  # in the last word of a point
 
 
@@ -95,7 +95,7 @@ class LiveClouds:
         name = '' if view is None else saved_columns(view.dtype.names or ()).get('intensity', '')
         fill(rows, points, verdict, view[name][where] if view is not None and name else None)
         bits = np.where(rows['rejected'], REJECTED_BIT, 0)
-        rows['bits'] = bits | np.where(rows['score'] > NEAR, NEAR_BIT, 0)
+        rows['bits'] = bits | np.where(rows['score'] > NEAR_SCORE, NEAR_BIT, 0)
         if not self._pending:
             self._first = self._last = cloud.first
         self._last = max(self._last, cloud.last)

@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.detectors.registry import reasons
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.messages.cloud import first_numbers
-from lidar_outlier_filter.report.chains import NEAR, STRONGEST
+from lidar_outlier_filter.report.chains import NEAR_SCORE, STRONGEST
 from lidar_outlier_filter.report.steps import BITS
 
 # What a live page keeps of a point, and what a recorded page keeps beside it.
@@ -73,7 +73,7 @@ def thin(points: Rows, most: int) -> Rows:
     """Keep at most so many points: rejected ones, those near the threshold, an even sample."""
     if len(points) <= most:
         return points
-    rank = np.where(points['rejected'], 0, np.where(points['score'] > NEAR, 1, 2))
+    rank = np.where(points['rejected'], 0, np.where(points['score'] > NEAR_SCORE, 1, 2))
     key = (rank.astype(np.uint64) << np.uint64(32)) | points['order']
     return points[np.argpartition(key, most)[:most]]
 

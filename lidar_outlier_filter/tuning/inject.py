@@ -21,7 +21,7 @@ MAX_SHARE = 0.5
 CLUSTERED = 0.5  # of the outliers
 MIN_SIZE, MAX_SIZE = 2, 30  # points of a cluster
 SPREAD = 0.3  # metres, standard deviation of the points around the middle of their cluster
-WINDOW = SECOND // 5  # good points up to so many nanoseconds apart are seen together
+WINDOW_NS = SECOND // 5  # good points up to so many nanoseconds apart are seen together
 TRIES = 200  # until a position is given up to be found
 
 
@@ -76,7 +76,7 @@ def inject(
     code, groups = _choose(first, how.share, rng)
     xyz = np.concatenate([cloud.xyz for cloud in clouds])
     t = np.concatenate([cloud.t for cloud in clouds])
-    slot = (t - t.min()) // WINDOW
+    slot = (t - t.min()) // WINDOW_NS
     good = np.flatnonzero(code == Cause.GOOD)
     good = good[np.argsort(slot[good], kind='stable')]
     at = np.array([slot[group.start] for group in groups])

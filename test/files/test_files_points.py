@@ -173,7 +173,7 @@ def test_times_are_exact_beside_a_row_of_nothing(
 ) -> None:
     """A missing return without time and line rounds neither time nor line of the others."""
     module = 'rows' if suffix == 'csv' else suffix
-    monkeypatch.setattr(f'lidar_outlier_filter.files.{module}.CHUNK', chunk)
+    monkeypatch.setattr(f'lidar_outlier_filter.files.{module}.CHUNK_ROWS', chunk)
     times = [EXACT + i for i in range(10)]
     rings = [2**53 + 1 + i for i in range(10)]
     rows: list[tuple[float | None, ...]] = [

@@ -91,7 +91,7 @@ def test_chunks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     change = Change() if path.suffix == '.ptx' else Change(added=verdict(COUNT))
     at_once, copy = columns(path), copy_of(path, change).read_bytes()
     for module in MODULES:
-        monkeypatch.setattr(f'lidar_outlier_filter.files.{module}.CHUNK', 7)
+        monkeypatch.setattr(f'lidar_outlier_filter.files.{module}.CHUNK_ROWS', 7)
     for one, other in zip(columns(path), at_once, strict=True):
         assert one.tobytes() == other.tobytes()
     (path.parent / 'copied').rename(path.parent / 'before')

@@ -12,7 +12,7 @@ from helpers.nodes import NO_CLOUD, Ros, hold_up, line, wait_for_thread
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.errors import LONGEST, CloudError
+from lidar_outlier_filter.errors import MAX_CHARACTERS, CloudError
 from lidar_outlier_filter.messages.cloud import MAX_LAYOUTS
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -64,7 +64,7 @@ def test_memory_of_names() -> None:
     kept, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert kept < 2 * LONG
-    assert max(map(len, said)) < 4 * LONGEST
+    assert max(map(len, said)) < 4 * MAX_CHARACTERS
 
 
 def test_kinds() -> None:
@@ -79,12 +79,12 @@ def test_kinds() -> None:
 
 def test_sentences() -> None:
     """Beginning and end are there of what is quoted; short ones are whole."""
-    err = CloudError('a' * LONG, 'b' * LONGEST, 'c' + 'd' * LONG + 'e')
-    assert len(str(err)) < 4 * LONGEST
-    assert 'b' * LONGEST in str(err)
+    err = CloudError('a' * LONG, 'b' * MAX_CHARACTERS, 'c' + 'd' * LONG + 'e')
+    assert len(str(err)) < 4 * MAX_CHARACTERS
+    assert 'b' * MAX_CHARACTERS in str(err)
     assert str(err)[-2:] == 'de'
     assert ', got cd' in str(err)
-    assert len(err.what) <= LONGEST + 1
+    assert len(err.what) <= MAX_CHARACTERS + 1
 
 
 def test_bytes_that_are_no_cloud(ros: Ros) -> None:

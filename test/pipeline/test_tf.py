@@ -13,7 +13,7 @@ from geometry_msgs.msg import TransformStamped
 from helpers.turned_poses import LEVEL, SECOND, START, points, turned
 from scipy.spatial.transform import Rotation, Slerp
 
-from lidar_outlier_filter.core.points.poses import KEPT, Track
+from lidar_outlier_filter.core.points.poses import KEPT_NS, Track
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.tf import MAX_FRAMES, MAX_NAME, Tf
 
@@ -177,8 +177,8 @@ def test_what_is_kept_is_bounded() -> None:
         if number % 100 == 0:
             track = tf._links['base']
             assert isinstance(track, Track)
-            assert len(track) <= 2 * (KEPT // SECOND * 10 + 2)
-    assert covered(tf, 3999.9 - KEPT / SECOND) == [True]
+            assert len(track) <= 2 * (KEPT_NS // SECOND * 10 + 2)
+    assert covered(tf, 3999.9 - KEPT_NS / SECOND) == [True]
     for number in range(MAX_FRAMES + 3):
         tf.take(message(transform('odom', f'frame {number}', 0, (0.0, 0, 0, *LEVEL))))
     tf.take_static(message(transform('o' * (MAX_NAME + 1), 'base', 0, (0.0, 0, 0, *LEVEL))))

@@ -36,7 +36,7 @@ from lidar_outlier_filter.recordings.info import describe_recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import steps, worst
-from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, NEAR, SharedInputs, features
+from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, NEAR_SCORE, SharedInputs, features
 from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
 from lidar_outlier_filter.report.points import LIVE, SCORE_UNIT, UNTESTED, reason_numbers, thin
@@ -380,10 +380,10 @@ def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_points_near_the_threshold_are_kept_before_others() -> None:
     """Of too many points the rejected ones stay, then those near the threshold, then a sample."""
     rows = np.zeros(90, LIVE)
-    rows['score'] = np.repeat([0.0, (1 + NEAR) / 2, 2.0], 30)
+    rows['score'] = np.repeat([0.0, (1 + NEAR_SCORE) / 2, 2.0], 30)
     rows['rejected'] = rows['score'] > 1
     rows['order'] = np.random.default_rng(5).permutation(90)
-    for most, scores in ((40, [2.0, (1 + NEAR) / 2]), (70, [2.0, (1 + NEAR) / 2, 0.0])):
+    for most, scores in ((40, [2.0, (1 + NEAR_SCORE) / 2]), (70, [2.0, (1 + NEAR_SCORE) / 2, 0.0])):
         kept = np.sort(thin(rows, most)['score'])[::-1]
         expected = np.repeat(scores, 30)[:most].astype(np.float32)
         np.testing.assert_array_equal(kept, expected)

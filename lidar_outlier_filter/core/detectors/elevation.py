@@ -43,7 +43,7 @@ from lidar_outlier_filter.core.detectors.builtin import Elevation
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
+from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST_M, Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -112,9 +112,9 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool
     against_ground = parameters.against == 'ground'
     if len(xyz) <= (0 if against_ground else parameters.k):
         return np.full(len(xyz), np.nan)
-    if not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
-        got = xyz[~(np.abs(xyz) <= LARGEST)][0]
-        raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
+    if not (xyz.min() >= -LARGEST_M and xyz.max() <= LARGEST_M):
+        got = xyz[~(np.abs(xyz) <= LARGEST_M)][0]
+        raise FilterError('coordinates', f'finite and at most {LARGEST_M:g} m', got)
     if against_ground:
         return _against_ground(xyz, parameters)
     return _against_neighbours(xyz, parameters, threads, on_map=on_map)

@@ -14,7 +14,7 @@ Result = TypeVar('Result')
 
 # Of glibc's mallopt (malloc.h): what is given back to the system, and what is not kept at all.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
-KEPT = 1 << 29  # bytes: what is larger, or free beyond that, goes back to the system
+MAX_FREE_BYTES = 1 << 29  # bytes: what is larger, or free beyond that, goes back to the system
 MAX_HELPERS = 256  # helpers; they are started when there is work that no idle one takes
 
 
@@ -42,7 +42,11 @@ def keep_memory() -> None:
     """
     set_option = getattr(ctypes.CDLL(None), 'mallopt', None)
     if set_option is not None:
-        for option, value in ((ARENA_MAX, 1), (MMAP_THRESHOLD, KEPT), (TRIM_THRESHOLD, KEPT)):
+        for option, value in (
+            (ARENA_MAX, 1),
+            (MMAP_THRESHOLD, MAX_FREE_BYTES),
+            (TRIM_THRESHOLD, MAX_FREE_BYTES),
+        ):
             set_option(option, value)
 
 
@@ -83,7 +87,7 @@ def run(
     numbers = itertools.count()  # taken by one thread each, because of the GIL
 
     def some() -> None:
-        # What is taken is done, so that none before one that failed is left out.
+        # A range that is taken is finished: the first error in their order is among the failed.
         while not failed and (number := next(numbers)) < len(begins):
             begin = begins[number]
             try:
@@ -91,8 +95,8 @@ def run(
             except BaseException as error:  # noqa: BLE001  it is raised below
                 failed[number] = error
 
-    # The caller works as well: it waits for nobody who has not begun, so that work within work, or
-    # of many callers, cannot wait in a circle.
+    # The caller works as well, and tasks that have not begun are cancelled. So nobody waits for a
+    # thread that is busy with something else, and nested calls cannot lock each other up.
     tasks = [_helpers().submit(some) for _ in range(helpers)]
     some()
     wait([task for task in tasks if not task.cancel()])

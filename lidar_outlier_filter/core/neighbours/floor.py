@@ -25,8 +25,8 @@ from lidar_outlier_filter.core.neighbours.typical import in_parts, typical_scale
 
 SIDE = 2.0  # of a column, typical distances
 WIDER = _kernels.FLOOR_WIDER  # columns to the side of a wide one
-WINDOW = 3 * WIDER
-FARTHEST = _kernels.FLOOR_FARTHEST  # columns from the first: those beyond are one
+WINDOW_COLUMNS = 3 * WIDER
+MAX_COLUMNS = _kernels.FLOOR_FARTHEST  # columns from the first: those beyond are one
 ROW = 32  # bits of a column's number within its row
 WITHIN = (1 << ROW) - 1
 COLUMNS_AT_ONCE = 256

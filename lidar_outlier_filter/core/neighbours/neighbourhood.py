@@ -18,9 +18,9 @@ from lidar_outlier_filter.errors import FilterError
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 
-LARGEST = 1e150  # metres: squares stay finite
-FINEST = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
-COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
+LARGEST_M = 1e150  # metres: squares stay finite
+FINEST_M = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
+COARSE = 2.0**53 * FINEST_M  # of numbers from here on FINEST_M is no longer a part
 MAX_POINTS = 2**31 - 1  # their indices are int32
 # What a thread takes at once, about a millisecond: leaves where all points are selected, and rows.
 LEAVES, ROWS = 64, 1 << 14
@@ -87,9 +87,9 @@ class Neighbourhood:
         xyz = np.asarray(xyz, np.float64)
         if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) > MAX_POINTS:  # noqa: PLR2004  x, y, z
             raise FilterError('points', f'(N, 3) with N up to {MAX_POINTS}', xyz.shape)
-        if len(xyz) > 0 and not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
-            got = xyz[~(np.abs(xyz) <= LARGEST)][0]
-            raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
+        if len(xyz) > 0 and not (xyz.min() >= -LARGEST_M and xyz.max() <= LARGEST_M):
+            got = xyz[~(np.abs(xyz) <= LARGEST_M)][0]
+            raise FilterError('coordinates', f'finite and at most {LARGEST_M:g} m', got)
         self._given = _in_multiples(xyz)
         self._count, self._most, self.threads = len(xyz), most, threads
         self._allocate = allocate
@@ -302,7 +302,7 @@ class Neighbourhood:
 
 
 def _in_multiples(xyz: Floats) -> Floats:
-    """Round coordinates to multiples of ``FINEST``; nearly always they are, and none is copied.
+    """Round coordinates to multiples of ``FINEST_M``; nearly always they are, and none is copied.
 
     Else thousands of points might be at distance 0 from each other, and still not at one place.
     No box of the tree could hold them as one, and every search would visit all of them.
@@ -310,4 +310,4 @@ def _in_multiples(xyz: Floats) -> Floats:
     parts = (np.abs(xyz[begin : begin + PART]) for begin in range(0, len(xyz), PART))
     if not any(((size < COARSE) & (size > 0)).any() for size in parts):
         return xyz
-    return np.rint(xyz / FINEST) * FINEST
+    return np.rint(xyz / FINEST_M) * FINEST_M

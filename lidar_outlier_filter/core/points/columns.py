@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
-from lidar_outlier_filter.core.points.points import LONGEST, SECOND
+from lidar_outlier_filter.core.points.points import LONGEST_NS, SECOND
 from lidar_outlier_filter.errors import CloudError
 
 Names = tuple[str, ...]
@@ -38,13 +38,13 @@ HEADS: Names = (
 )
 INTENSITIES: Names = ('intensity', 'reflectivity', 'reflectance', 'i', 'amplitude', 'remission')
 
-AT_ONCE = 1 << 17  # times that are converted at once: arrays stay in the cache
+TIMES_AT_ONCE = 1 << 17  # times that are converted at once: arrays stay in the cache
 NANOSECONDS = {'s': SECOND, 'ms': 1_000_000, 'us': 1000, 'ns': 1}
 _UNIT = '([mun]?s(?:ec)?)'
 _WITH_UNIT = re.compile(rf'(.+?)(?:[ _.]{_UNIT}|[ _]?[\[(]{_UNIT}[\])])')
 
-# Seconds since 1970: from 2001 on, up to LONGEST.
-UNIX_S = (1e9, LONGEST / SECOND)
+# Seconds since 1970: from 2001 on, up to LONGEST_NS.
+UNIX_S = (1e9, LONGEST_NS / SECOND)
 # Nanoseconds from point to point that lidars have, and one that is usual. Those that share a time
 # count, too, so that the time of a packet or of a column is not taken for that of a shot.
 MIN_INTERVAL_NS, USUAL_INTERVAL_NS, MAX_INTERVAL_NS = 30.0, 3000.0, 300_000.0
@@ -220,7 +220,7 @@ def find_unit(values: NDArray[Any], kind: np.dtype[Any], name: str = '') -> Time
     fitting = {
         unit: abs(np.log(interval * factor / USUAL_INTERVAL_NS))
         for unit, factor in NANOSECONDS.items()
-        if MIN_INTERVAL_NS <= interval * factor <= MAX_INTERVAL_NS and largest * factor < LONGEST
+        if MIN_INTERVAL_NS <= interval * factor <= MAX_INTERVAL_NS and largest * factor < LONGEST_NS
     }
     if not fitting:
         return TimeUnit(usual, f'a time {name!r} in no likely unit: in {usual}, {apart}')
@@ -322,11 +322,11 @@ def to_nanoseconds(values: NDArray[Any], valid: Bools, unit: str) -> Ints:
 
     """
     factor, result = NANOSECONDS[unit], np.empty(len(values), np.int64)
-    for begin in range(0, len(values), AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
+    for begin in range(0, len(values), TIMES_AT_ONCE):
+        part = slice(begin, begin + TIMES_AT_ONCE)
         known = np.where(valid[part], values[part], values.dtype.type(0))
         exact = known.astype(np.float64)
-        fine = np.abs(exact) < LONGEST / factor
+        fine = np.abs(exact) < LONGEST_NS / factor
         if not fine.all():
             must_be = f'finite and within 73 years, in {unit} (time_unit)'
             raise CloudError('the time of a point', must_be, known[~fine][0])

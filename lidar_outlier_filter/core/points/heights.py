@@ -7,7 +7,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 
 EACH = 32.0  # kept points of a cell on the map, about
-CHUNK = 1_000_000  # points in memory at once
+POINTS_AT_ONCE = 1_000_000  # points in memory at once
 
 
 def is_high(xyz: Floats, kept: Bools, rejected: Bools) -> Bools:
@@ -34,8 +34,8 @@ def _means(xyz: Floats, there: Ints) -> Floats:
     side = np.sqrt(area * EACH / len(there))
     rows = int((high[1] - low[1]) / side) + 1
     number = np.empty(len(there), np.int64)
-    for begin in range(0, len(there), CHUNK):
-        part = slice(begin, begin + CHUNK)
+    for begin in range(0, len(there), POINTS_AT_ONCE):
+        part = slice(begin, begin + POINTS_AT_ONCE)
         i, j = (np.floor((xyz[there[part], axis] - low[axis]) / side) for axis in range(2))
         number[part] = i * rows + j
     if number.max() >= len(there):  # along a line there are more cells than points

@@ -22,7 +22,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 COLUMNS = 720  # of the image: half a degree each, the first from 0° on, against the clock
 MAX_RINGS = 1024
-FARTHEST = 100.0  # metres: no vehicle is longer
+LARGEST_RANGE_M = 100.0  # metres: no vehicle is longer
 HEAD = f'# own vehicle, {COLUMNS} columns, metres'
 NAMES = 'ring,column,near,far'
 LARGEST_FILE = 32_000_000  # bytes
@@ -34,7 +34,7 @@ MIN_SHARE_OF_RETURNS = 0.5  # of the turns with a return in a cell, in which a r
 MAX_SHARE_OF_WIDE, WIDE_ELEVATION = 0.5, np.radians(5)
 MIN_SHARE_OF_RING = 0.5  # of the turns, in which the median ring has a point
 MIN_SHARE_OF_TURNS = 0.25  # of all turns used
-STEP = 1.0  # metres between two turns that are used, where the position of the sensor is known
+STEP_M = 1.0  # metres between two turns that are used, where the position of the sensor is known
 # Elsewhere: the share of far cells whose range has changed, by so many metres plus so much of it.
 CHANGED, BY_METRES, BY_SHARE = 0.2, 0.2, 0.05
 WIDE = 4  # columns of one of these cells
@@ -156,10 +156,10 @@ def _cell(path: Path, number: int, line: str) -> tuple[float, float, float, floa
     except ValueError:
         ring = column = near = far = np.nan
     whole = ring in range(MAX_RINGS) and column in range(COLUMNS)
-    if not (whole and 0 <= near <= far <= FARTHEST):
+    if not (whole and 0 <= near <= far <= LARGEST_RANGE_M):
         must_be = (
             f'a ring below {MAX_RINGS}, a column below {COLUMNS}, and two ranges, the nearer '
-            f'first, up to {FARTHEST:g} m'
+            f'first, up to {LARGEST_RANGE_M:g} m'
         )
         raise ParameterError(f'line {number} of the mask {path}', must_be, repr(line))
     return ring, column, near, far
@@ -268,7 +268,7 @@ class MaskLearner:
         if self.taken == 0:
             return bool(np.isfinite(ranges).any())
         if place is not None and self._place is not None:
-            return bool(np.linalg.norm(place - self._place) >= STEP)
+            return bool(np.linalg.norm(place - self._place) >= STEP_M)
         reach = self._bins * BIN
         both = np.isfinite(ranges) & np.isfinite(self._last)
         both &= np.maximum(ranges, self._last, where=both, out=np.zeros(both.shape)) > reach

@@ -16,11 +16,11 @@ from lidar_outlier_filter.core.annotations import Allocate
 from lidar_outlier_filter.errors import CloudError
 
 SECOND = 1_000_000_000  # nanoseconds
-LONGEST = 2**61  # nanoseconds: 73 years, and sums of two still fit
+LONGEST_NS = 2**61  # nanoseconds: 73 years, and sums of two still fit
 # Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What
 # is beyond was never measured: memory that nobody has set, the wrong order of bytes.
 FARTHEST = 1e9
-FINEST = 1e-9  # metres: the least standard deviation
+LEAST_SIGMA_M = 1e-9  # metres: the least standard deviation
 COARSEST = 0.01  # metres between two float32 that still carry what sensors measure
 SAMPLE = 64  # points that show how far a cloud is from the origin
 
@@ -153,12 +153,12 @@ def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str)
     Raises
     ------
     CloudError
-        If a valid point's value is not in ``FINEST`` to ``FARTHEST``.
+        If a valid point's value is not in ``LEAST_SIGMA_M`` to ``FARTHEST``.
 
     """
-    wrong = valid & ~((sigma >= FINEST) & (sigma <= FARTHEST))
+    wrong = valid & ~((sigma >= LEAST_SIGMA_M) & (sigma <= FARTHEST))
     if wrong.any():
-        raise CloudError(what, f'from {FINEST:g} to {FARTHEST:g} m', f'{sigma[wrong][0]:g}')
+        raise CloudError(what, f'from {LEAST_SIGMA_M:g} to {FARTHEST:g} m', f'{sigma[wrong][0]:g}')
 
 
 def too_coarse(

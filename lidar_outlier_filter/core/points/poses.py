@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Triple
 from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
-KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
+KEPT_NS = 60 * SECOND  # poses that are older than the newest by more are forgotten
 MAX_POSES = 200_000
 ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
 
@@ -86,7 +86,7 @@ class Track:
                 raise PoseError('the time of a pose', 'after the one before', f'{late:g} s before')
             self._times.append(t)
             self._poses.append(pose)
-            old = max(bisect_left(self._times, t - KEPT), len(self._times) - MAX_POSES)
+            old = max(bisect_left(self._times, t - KEPT_NS), len(self._times) - MAX_POSES)
             if 2 * old > len(self._times):  # not one by one
                 del self._times[:old], self._poses[:old]
         return is_set_back

@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.points.points import Points
 
 # Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
 # of near points are rounded.
-NOISE = np.pi / 6
+NOISE_RAD = np.pi / 6
 FEW_LINES = 1024  # that go back in time: more are sorted at once
 MAX_RETURNS = 15  # of a shot
 MAX_SHARED = 1.5  # points of a line ÷ its times, from which on points share times, not shots
@@ -169,9 +169,9 @@ class LineCounter:
         """Begin a new line at each turn of the scan angle.
 
         A line begins where the angle wraps (steps by more than half a turn), or steps back against
-        the sense of rotation by more than ``NOISE`` (after gaps over half a turn). Smaller steps
-        back are noise, and do not repeat a wrap. The sense is known once the small steps add up to
-        ``NOISE``; before that, only wraps count.
+        the sense of rotation by more than ``NOISE_RAD`` (after gaps over half a turn). Smaller
+        steps back are noise, and do not repeat a wrap. The sense is known once the small steps add
+        up to ``NOISE_RAD``; before that, only wraps count.
 
         Parameters
         ----------
@@ -183,6 +183,8 @@ class LineCounter:
 
         """
         line = np.empty(len(angle), np.int64)
-        self._line, *turn = _kernels.count_turns(angle, valid, NOISE, self._line, self._turn, line)
+        self._line, *turn = _kernels.count_turns(
+            angle, valid, NOISE_RAD, self._line, self._turn, line
+        )
         self._turn = (turn[0], turn[1], turn[2])
         return line

@@ -46,7 +46,7 @@ APART_RAD = 1e5  # rad from the angles of one scanner to those of the next: none
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.
 STEP_MARGIN = 1.01
 SIGMA_FLOOR = 0.002  # metres
-NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
+NOISE_SIGMAS, LEVEL_SIGMAS = 2.0, 4.0  # standard deviations of ranges
 
 
 def find_profile_pattern(
@@ -196,7 +196,9 @@ def _space_out(
     steps = steps[steps > 0.0]
     count = len(first) - 1
     step = np.full(count, STEP_MARGIN * median_of(steps) if len(steps) else TURN, np.float32)
-    noise = np.full(count, NOISE * _sigma(lines.distance, lines.order, phase, first), np.float32)
+    noise = np.full(
+        count, NOISE_SIGMAS * _sigma(lines.distance, lines.order, phase, first), np.float32
+    )
     return {
         'step': step,
         # Lines are taken to be as far apart as shots.
@@ -206,7 +208,7 @@ def _space_out(
         'uneven': np.ones_like(step),
         'noise': noise,
         'apart': noise + _moved(where).astype(np.float32),
-        'level': noise * np.float32(LEVEL / NOISE),
+        'level': noise * np.float32(LEVEL_SIGMAS / NOISE_SIGMAS),
     }
 
 

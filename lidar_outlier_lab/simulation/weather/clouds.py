@@ -20,7 +20,7 @@ from rosbags.typesys.store import Typestore
 
 from lidar_outlier_filter.core.annotations import Bools, Ints
 from lidar_outlier_filter.core.points.columns import NANOSECONDS, to_nanoseconds
-from lidar_outlier_filter.core.points.points import LONGEST, Points
+from lidar_outlier_filter.core.points.points import LONGEST_NS, Points
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.messages.cloud import is_empty
 from lidar_outlier_filter.messages.decoder import Convention, Decoder
@@ -158,7 +158,7 @@ def _empty_rows(cloud: LabelledCloud, points: Points, convention: Convention) ->
     if name is None or not no_return.any():
         return points.t, no_return
     raw = cloud.column(name)
-    fine = np.abs(raw.astype(np.float64)) < LONGEST / NANOSECONDS[convention.time_unit]
+    fine = np.abs(raw.astype(np.float64)) < LONGEST_NS / NANOSECONDS[convention.time_unit]
     every = to_nanoseconds(raw, fine, convention.time_unit)
     known = points.t[points.valid]
     every += known[0] - every[points.valid][0]

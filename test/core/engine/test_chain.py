@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points
+from lidar_outlier_filter.core.points.points import FARTHEST, LEAST_SIGMA_M, Points
 from lidar_outlier_filter.core.verdict import ALL, EXTRA, Verdict
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -182,7 +182,7 @@ def test_whatever_a_cloud_may_hold(name: str) -> None:
         xyz = [odd, rng.choice([-FARTHEST, FARTHEST, 0, 1], (count, 3)), FARTHEST - odd % 9]
         t = np.sort(rng.choice(times, count)) if seed % 2 else np.arange(count) * 1000
         line = rng.choice([-(2**63), 0, 2**63 - 1], count)
-        sigma = rng.choice([FINEST, 1.0, FARTHEST], count) if seed % 4 > 1 else None
+        sigma = rng.choice([LEAST_SIGMA_M, 1.0, FARTHEST], count) if seed % 4 > 1 else None
         points = Points(xyz[seed % 3], t, line, np.ones(count, np.bool_), sigma)
         assert len(judge(points, name)) == count
 

@@ -12,7 +12,7 @@ from helpers.turned_poses import LEVEL, SECOND, START, points, turned
 from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.points.poses import KEPT, SensorExtrinsics, Track
+from lidar_outlier_filter.core.points.poses import KEPT_NS, SensorExtrinsics, Track
 from lidar_outlier_filter.errors import PoseError
 
 NOWHERE = SensorExtrinsics.at((0, 0, 0), (0, 0, 0))
@@ -109,9 +109,9 @@ def test_old_poses_are_forgotten() -> None:
     for i in range(20_000):
         made.add(START + i * SECOND // 10, (0.0,) * 3 + LEVEL)
         most = max(most, len(made))
-    assert most <= 2 * (KEPT // SECOND * 10 + 2)
+    assert most <= 2 * (KEPT_NS // SECOND * 10 + 2)
     last = START + 19_999 * SECOND // 10
-    assert covered(made, (last - KEPT - START) / SECOND, (last - START) / SECOND) == [True, True]
+    assert covered(made, (last - KEPT_NS - START) / SECOND, (last - START) / SECOND) == [True, True]
 
 
 def test_not_covered() -> None:

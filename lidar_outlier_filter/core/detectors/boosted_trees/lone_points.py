@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
-from lidar_outlier_filter.core.neighbours.floor import FARTHEST, ROW, WINDOW, Floor
+from lidar_outlier_filter.core.neighbours.floor import MAX_COLUMNS, ROW, WINDOW_COLUMNS, Floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
 
@@ -92,8 +92,8 @@ def _usual(xyz: Floats, radius: Floats, some: Ints, around: Floor) -> Floats:
 
     Far from a scanner, all points are sparse.
     """
-    number = np.floor((xyz[:, :2] - around.origin) / (WINDOW * around.side))
-    row, within = np.minimum(number, FARTHEST).astype(np.int64).T
+    number = np.floor((xyz[:, :2] - around.origin) / (WINDOW_COLUMNS * around.side))
+    row, within = np.minimum(number, MAX_COLUMNS).astype(np.int64).T
     square = row << ROW | within
     squares = np.unique(square[some])
     of = np.minimum(np.searchsorted(squares, square), max(len(squares) - 1, 0))

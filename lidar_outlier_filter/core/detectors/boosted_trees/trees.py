@@ -33,9 +33,10 @@ NAMES = {
 NAMES[FREE_MODEL] = NAMES[PATTERN_MODEL]
 QUESTIONS, VALUES = 7, 8  # of a tree: a point meets three of the questions
 MIN_LOG_ODDS = -8.0  # a score of 0
-# Of valleys: from one tried log-odds to the next, and what is near one; points above the threshold
-# from which on they make a hill, as a share and as a number.
-STEP, NEAR, MANY, MIN_ABOVE = 0.1, 0.5, 0.005, 50
+# How find_valleys() lowers a threshold: the log-odds that it tries are a step apart, and it counts
+# the points near each. A threshold that fewer points exceed than make a hill stays.
+STEP_LOG_ODDS, NEAR_LOG_ODDS = 0.1, 0.5
+MIN_HILL_SHARE, MIN_HILL_POINTS = 0.005, 50
 
 
 class Trees(NamedTuple):
@@ -76,7 +77,7 @@ class TreeModel(NamedTuple):
     first, again : the trees of both passes; their sums are log-odds
     doubtful : log-odds of the first pass above which the second judges a point
     threshold : log-odds above which a point is rejected
-    drop : how far below it :func:`find_valleys` may go
+    drop : log-odds by which :func:`find_valleys` may lower the threshold of a block
 
     """
 
@@ -140,12 +141,14 @@ def find_valleys(log_odds: Reals, thresholds: Floats, drop: float) -> Floats:
     https://doi.org/10.1111/j.1749-6632.1965.tb11715.x). A threshold that only a few points exceed
     shows no hill, and stays.
     """
-    some = np.sort(log_odds[log_odds >= thresholds.min() - drop - NEAR])
-    edges = thresholds[:, None] - np.arange(0.0, drop + STEP / 2, STEP)
-    near = np.searchsorted(some, edges + NEAR) - np.searchsorted(some, edges - NEAR)
+    some = np.sort(log_odds[log_odds >= thresholds.min() - drop - NEAR_LOG_ODDS])
+    edges = thresholds[:, None] - np.arange(0.0, drop + STEP_LOG_ODDS / 2, STEP_LOG_ODDS)
+    near = np.searchsorted(some, edges + NEAR_LOG_ODDS)
+    near -= np.searchsorted(some, edges - NEAR_LOG_ODDS)
     above = len(some) - np.searchsorted(some, thresholds, 'right')
     valley = edges[np.arange(len(edges)), near.argmin(axis=1)]
-    return np.where(above >= max(MANY * len(log_odds), MIN_ABOVE), valley, thresholds)
+    hill = max(MIN_HILL_SHARE * len(log_odds), MIN_HILL_POINTS)
+    return np.where(above >= hill, valley, thresholds)
 
 
 def contribute(trees: Trees, values: Singles) -> Singles:
