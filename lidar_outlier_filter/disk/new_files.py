@@ -65,7 +65,7 @@ def _hidden_beside(path: Path) -> list[Path]:
 
 
 def _made_and_locked(prefix: str, parent: Path) -> tuple[Path, IO[bytes]]:
-    """Make a folder with a lock in it; again, where another run took it for one of a killed run."""
+    """Make a folder with a lock in it; try again if another run removed it before it was locked."""
     while True:
         folder = Path(mkdtemp(prefix=prefix, dir=parent))
         try:

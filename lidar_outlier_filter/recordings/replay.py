@@ -100,7 +100,7 @@ def replay(  # noqa: PLR0913  what the command line offers
             path, lost = stack.enter_context(salvaged(recording, output, largest))
             largest += OWN_CHUNK_BYTES  # the copy has chunks of its own
         source = stack.enter_context(Recording(path, largest))
-        source.path = recording  # of which sentences speak, not of a copy of what is readable
+        source.path = recording  # errors name the recording that was given, not its copy
         custom_data = {**source.custom_data, **made_by('replay', given)}
         bag = stack.enter_context(NewBag(output, custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')

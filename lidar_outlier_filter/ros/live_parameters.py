@@ -148,7 +148,7 @@ class TunableNode(Node):  # type: ignore[misc]
             _write_whole(path, write_yaml(self._parameters_now.flat()))
         except ParameterError as err:
             response.message = f'the parameters were not saved: {err}'
-        # A home that nobody has is a RuntimeError, a name that no file can have a ValueError.
+        # expanduser() raises RuntimeError for an unknown user, open() ValueError for a null byte.
         except (OSError, RuntimeError, ValueError) as err:
             got = f'{shown(str(path))}: {quote_error(err)}'
             wrong = ParameterError('the file', 'one that can be written', got)

@@ -102,7 +102,7 @@ class Rings(NamedTuple):
         return np.searchsorted(between, elevation).astype(np.int64)
 
     def fit(self, xyz: Floats) -> bool:
-        """Return whether points (N, 3) lie on these rings, by a sample of them."""
+        """Return whether most of a sample of the points (N, 3) lie on these rings."""
         some = xyz[:: max(1, len(xyz) // FINE_POINTS)]
         if len(some) < MIN_RINGS * MIN_RING_RETURNS:
             return False
