@@ -197,7 +197,7 @@ def _is_alike(one: ArchiveRecord, other: ArchiveRecord) -> bool:
 
 
 def _is_begun(noted: ArchiveRecord | None, record: ArchiveRecord) -> bool:
-    """Return whether a sidecar is of these very files: a run began to name them, or has."""
+    """Return whether a sidecar lists these very files, even if some have no name yet."""
     if noted is None or not _is_alike(noted, record):
         return False
     one, other = ({k: mark.sha256 for k, mark in r.outputs.items()} for r in (noted, record))
