@@ -9,14 +9,9 @@
 #include "simulation/world/caster.hpp"
 #include "simulation/world/kernels.hpp"
 
-using py::arg;
-
 namespace pybind11::detail {
 
-template <>
-struct type_caster<lidar::Grids>
-    : lidar::struct_caster<lidar::Grids, lidar::View<const double, 2>, lidar::View<const double, 2>,
-                           lidar::View<const lidar::Index, 2>, lidar::View<const double, 2>> {};
+NAMED_TUPLE(Grids)
 
 }  // namespace pybind11::detail
 
@@ -41,13 +36,10 @@ PYBIND11_MODULE(_kernels, m) {
     m.attr("WIDTH") = base::WIDTH;
     m.attr("ROUND") = base::ROUND;
     m.attr("PANE") = base::PANE;
-    m.def("cast_rays", &cast_rays, arg("table"), arg("origin"), arg("direction"), arg("t"),
-          arg("reach"), WithoutGil());
-    m.def("view_top", &view_top, arg("top"), arg("owner"), arg("cell"), arg("x"), arg("y"),
-          arg("found"), WithoutGil());
-    m.def("descend", &descend, arg("fields"), arg("cell"), arg("side"), arg("origin"),
-          arg("direction"), arg("depth"), arg("bottom"), arg("found"), WithoutGil());
-    m.def("strongest", &strongest, arg("distance"), arg("pulse"), WithoutGil());
+    m.def("cast_rays", &cast_rays, WithoutGil());
+    m.def("view_top", &view_top, WithoutGil());
+    m.def("descend", &descend, WithoutGil());
+    m.def("strongest", &strongest, WithoutGil());
 }
 
 }  // namespace lidar

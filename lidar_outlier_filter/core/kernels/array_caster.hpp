@@ -7,9 +7,9 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <cstddef>
 #include <memory>
 #include <string>
-#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -40,23 +40,62 @@ std::string refusal(py::handle object, int dimensions, bool writes) {
            std::string(py::str(object.attr("shape")));
 }
 
-// Reads a NamedTuple, or any tuple, of arrays and numbers as a struct with the same members.
-template <typename Struct, typename... Members>
+// An element of a tuple, which becomes what a member of a struct is.
+struct Element {
+    py::object object;
+
+    template <typename T>
+    operator T() const {
+        return object.cast<T>();
+    }
+};
+
+template <typename Struct, typename Places, typename = void>
+struct is_made_of : std::false_type {};
+template <typename Struct, std::size_t... Place>
+struct is_made_of<Struct, std::index_sequence<Place...>,
+                  std::void_t<decltype(Struct{(void(Place), std::declval<Element>())...})>>
+    : std::true_type {};
+
+// Counts the members of a struct.
+template <typename Struct, std::size_t Count = 0>
+constexpr std::size_t count_members() {
+    if constexpr (is_made_of<Struct, std::make_index_sequence<Count + 1>>::value) {
+        return count_members<Struct, Count + 1>();
+    }
+    return Count;
+}
+
+// Reads a NamedTuple, or any tuple, of arrays and numbers as a struct with so many first members.
+template <typename Struct, std::size_t Count = count_members<Struct>()>
 struct struct_caster {
     PYBIND11_TYPE_CASTER(Struct, py::detail::const_name("tuple"));
 
-    bool load(py::handle source, bool convert) {
-        py::detail::make_caster<std::tuple<Members...>> members;
-        if (!members.load(source, convert)) {
+    bool load(py::handle source, bool /*convert*/) {
+        if (!py::isinstance<py::sequence>(source) || py::len(source) != Count) {
             return false;
         }
-        value = std::apply([](auto... each) { return Struct{each...}; },
-                           py::detail::cast_op<std::tuple<Members...>>(members));
+        try {
+            fill(py::reinterpret_borrow<py::sequence>(source), std::make_index_sequence<Count>());
+        } catch (const py::cast_error&) {
+            return false;
+        }
         return true;
+    }
+
+private:
+    template <std::size_t... Place>
+    void fill(const py::sequence& elements, std::index_sequence<Place...> /*places*/) {
+        value = Struct{Element{elements[Place]}...};
     }
 };
 
 }  // namespace lidar
+
+// Reads a struct of this name, in the namespace pybind11::detail, member by member.
+#define NAMED_TUPLE(name) \
+    template <>           \
+    struct type_caster<lidar::name> : lidar::struct_caster<lidar::name> {};
 
 namespace pybind11::detail {
 

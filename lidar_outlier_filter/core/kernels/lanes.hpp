@@ -5,7 +5,7 @@
 //
 // Arrays are [quantity][neighbour][lane], and innermost loops go over the lanes: so nothing depends
 // on the order in which the sums of one point are added up, and each lane gets what it would get
-// alone. Textbook twins: test/core/kernels/test_lanes.py.
+// alone.
 #pragma once
 
 #include "array_view.hpp"
@@ -69,22 +69,7 @@ constexpr Network make_network(int count, int first, int last) {
     return result;
 }
 
-// Sorts the values of each lane, none NaN, by the rows of a network.
-template <typename T>
-inline void sort(T (*values)[LANES], const Network& network) {
-    constexpr int AT_ONCE = WIDTH * 4 / static_cast<int>(sizeof(T));
-    for (int k = 0; k < network.size; ++k) {
-        const Pair pair = network.pairs[k];
-        for (int lane = 0; lane < LANES; lane += AT_ONCE) {
-            const auto one = load(values[pair.smaller] + lane),
-                       other = load(values[pair.larger] + lane);
-            store(values[pair.smaller] + lane, least(one, other));
-            store(values[pair.larger] + lane, most(one, other));
-        }
-    }
-}
-
-// Sorts the elements of vectors, none NaN, likewise.
+// Sorts the elements of vectors, none NaN, by the rows of a network.
 inline void sort(Doubles* rows, const Network& network) {
     for (int k = 0; k < network.size; ++k) {
         const Pair pair = network.pairs[k];

@@ -6,7 +6,8 @@
 // made by Python, are checked by whoever walks through them.
 #pragma once
 
-#include <tuple>
+#include <utility>
+#include <vector>
 
 #include "../kernels/array_caster.hpp"
 #include "tree.hpp"
@@ -52,12 +53,10 @@ namespace pybind11::detail {
 
 template <>
 struct type_caster<lidar::Tree> {
-    using View2 = lidar::View<const double, 2>;
-    using View1 = lidar::View<const lidar::Index>;
     PYBIND11_TYPE_CASTER(lidar::Tree, const_name("tuple"));
 
     bool load(handle source, bool convert) {
-        lidar::struct_caster<lidar::Tree, View2, View2, View1, View1, View1> members;
+        lidar::struct_caster<lidar::Tree, 5> members;  // without the levels
         if (!members.load(source, convert)) {
             return false;
         }

@@ -18,7 +18,6 @@ Index mark_returns(View<const double, 2> xyz, double farthest, View<bool> result
 // scan_lines.cpp
 Owned<Index> sort_by_line(View<const Index> line, View<const Index> t, Index low, View<Index> order,
                           View<Index> first);
-bool is_unchanged(View<const Index> order);
 void link_lines(View<const Index> t, View<const Index> first, double gap_factor,
                 View<double> interval, View<Index> before, View<Index> after);
 

@@ -84,16 +84,6 @@ Owned<Index> sort_by_line(View<const Index> line, View<const Index> t, Index low
     return Owned<Index>(std::move(back));
 }
 
-// Returns whether an order leaves everything where it is.
-bool is_unchanged(View<const Index> order) {
-    for (Index i = 0; i < order.size(); ++i) {
-        if (order[i] != i) {
-            return false;
-        }
-    }
-    return true;
-}
-
 // Joins neighbours of one line unless a gap parts them: writes links, -1 where there is none.
 //
 // The shot interval of a line is the median of its positive time differences, 0 if it has none; a

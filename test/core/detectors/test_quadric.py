@@ -16,6 +16,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import Quadric
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
 Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each
 Shape = Callable[[Rng, int], Surface]
@@ -32,9 +33,13 @@ def detect(xyz: Floats, **changed: Any) -> Floats:
 
 
 def judge_window(xyz: Floats, variance: Floats | None = None, **changed: Any) -> Floats:
-    """Score the points of one window."""
-    weights = np.ones(len(xyz)) if variance is None else variance
-    return _kernels.judge_window(xyz, weights, quadric._rules(Quadric(**changed)))
+    """Score the points of one window: a core that is the only leaf of its tree."""
+    weights, score = np.ones(len(xyz)) if variance is None else variance, np.empty(len(xyz))
+    none, whole = np.array([0]), np.array([len(xyz)])
+    tree = Tree(xyz.min(axis=0)[None], xyz.max(axis=0)[None], none, whole, none - 1)
+    given = quadric._rules(Quadric(**changed))
+    _kernels.judge_sections(xyz, weights, tree, none, len(xyz), given, score)
+    return score
 
 
 def rules(parameters: Quadric) -> naive.Rules:
@@ -253,24 +258,18 @@ def test_odd_clouds_against_loops(cloud: Callable[[Rng], Floats], form: dict[str
 
 
 @pytest.mark.parametrize('section', [16, 40])
-def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tree finds them as a scan of all points does, the thinned rims of strays too."""
+def test_thinned_rims_against_loops(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of more points on a rim than count, the same are left out."""
     rng = np.random.default_rng(4)
     xyz = np.vstack([street(rng), rng.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
     neighbourhood = Neighbourhood(xyz, 1)
-    tree = neighbourhood.tree
-    cores = _kernels.find_cores(tree, section)
-    thinned = 0
-    for core in cores:
-        first, last = int(tree.first[core]), int(tree.last[core])
-        found = _kernels.find_window(neighbourhood.xyz, tree, core, section).tolist()
-        assert found == naive.section_window(neighbourhood.xyz, first, last, section)
-        with monkeypatch.context() as patch:
-            patch.setattr(naive, 'RIM', len(xyz))
-            thinned += len(found) < len(
-                naive.section_window(neighbourhood.xyz, first, last, section)
-            )
-    assert thinned > 0
+    order, parameters = leaf_order(neighbourhood), Quadric(section=section)
+    cores = tree_ranges(neighbourhood, section)
+    expected = naive.sections(xyz[order], cores, section, rules(parameters))
+    assert_same(quadric.detect(neighbourhood, parameters)[order], expected)
+    windows = [naive.section_window(xyz[order], *core, section) for core in cores]
+    monkeypatch.setattr(naive, 'RIM', len(xyz))
+    assert windows != [naive.section_window(xyz[order], *core, section) for core in cores]
 
 
 @pytest.mark.parametrize('level', _kernels.levels())
@@ -412,18 +411,14 @@ def test_kernels_refuse_what_does_not_fit() -> None:
     torn = tree._replace(last=tree.last + 1)
     for wrong in (xyz.astype(np.float32), xyz[:, 0], np.asfortranarray(xyz), xyz.tolist()):
         refuse('share_scores', wrong, score, error=TypeError)
-        refuse('judge_window', wrong, ones, rules, error=TypeError)
         refuse('judge_sections', wrong, ones, tree, these, 16, rules, score, error=TypeError)
     for short in (xyz[:-1], xyz[:, :2].copy()):
         refuse('share_scores', short, score)
         refuse('sort_leaves', short, tree, these, place)
-        refuse('find_window', short, tree, 0, 16)
-        refuse('judge_window', short, ones, rules)
         refuse('judge_sections', short, ones, tree, these, 16, rules, score)
         refuse('judge_patches', short, ones, nearest, place, place, 0, n, rules, score)
     for nodes in outside:
         refuse('sort_leaves', xyz, tree, nodes, place)
-        refuse('find_window', xyz, tree, nodes[0], 16)
         refuse('judge_sections', xyz, ones, tree, nodes, 16, rules, score)
     for given in ((tree, these, 0, rules), (tree, these, 16, empty), (torn, these, 16, rules)):
         refuse('judge_sections', xyz, ones, *given, score)

@@ -32,7 +32,7 @@ def search(**changed: Any) -> None:
         'index': np.empty((N, K), np.int32),
         'tied': np.empty(N, np.bool_),
     }
-    _kernels.search_nearest(**(given | changed))
+    _kernels.search_nearest(*(given | changed).values())
 
 
 def bad(row: int, value: int) -> Any:

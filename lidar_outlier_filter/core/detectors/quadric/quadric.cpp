@@ -8,8 +8,6 @@
 #include <cmath>
 #include <vector>
 
-#include "sections.hpp"
-
 namespace lidar {
 
 namespace {
@@ -83,17 +81,6 @@ Owned<Index> find_cores(const Tree& tree, Index most) {
         }
     }
     return Owned<Index>(std::move(cores));
-}
-
-// Returns the points of a core's window, in tree order.
-Owned<Index> find_window(View<const double, 2> xyz, const Tree& tree, Index core, Index section) {
-    check(xyz.shape[1] == 3, "xyz must be (N, 3)");
-    check_tree(tree, xyz.size());
-    check(0 <= core && core < tree.child.size(), "the core must be a node");
-    LEVEL::check_section(section);
-    LEVEL::SectionRoom room(tree, {&core, {1}}, section);
-    room.found.resize(static_cast<std::size_t>(LEVEL::find_points(xyz, tree, core, section, room)));
-    return Owned<Index>(std::move(room.found));
 }
 
 }  // namespace lidar

@@ -32,11 +32,8 @@ void sort_leaves(View<const double, 2> xyz, const Tree& tree, View<const Index> 
                  View<Index> place);
 void share_scores(View<const double, 2> xyz, View<double> score);
 Owned<Index> find_cores(const Tree& tree, Index most);
-Owned<Index> find_window(View<const double, 2> xyz, const Tree& tree, Index core, Index section);
 
-FOR_EACH_LEVEL(Owned<double> judge_window(View<const double, 2> xyz, View<const double> variance,
-                                          Rules rules);
-               std::pair<Owned<Index>, Owned<double>> judge_sections(
+FOR_EACH_LEVEL(std::pair<Owned<Index>, Owned<double>> judge_sections(
                    View<const double, 2> xyz, View<const double> variance, const Tree& tree,
                    View<const Index> cores, Index section, Rules rules, View<double> score);
                void judge_patches(View<const double, 2> xyz, View<const double> variance,

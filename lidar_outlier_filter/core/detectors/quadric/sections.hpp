@@ -21,10 +21,6 @@ inline constexpr double ENOUGH = 1.5;   // times the points of the core: what a 
 // Of the largest extent of the cloud: the margin around a single place.
 inline constexpr double SMALLEST = 1.0 / (1 << 20);
 
-inline void check_section(Index section) {
-    check(1 <= section && section <= 1 << 30, "a section must be of at least one point");
-}
-
 // Room for the search of one thread.
 struct SectionRoom {
     std::vector<Index> found;  // the points of the window, and one more place

@@ -4,7 +4,6 @@
 // The windows of a cloud, judged one by one: sections and patches, see detector.py.
 
 #include <algorithm>
-#include <numeric>
 
 #include "sections.hpp"
 #include "surfaces.hpp"
@@ -34,17 +33,6 @@ void fill(Window& window, View<const double, 2> xyz, View<const double> variance
 
 }  // namespace
 
-// Returns the scores of all points as those of one window.
-Owned<double> judge_window(View<const double, 2> xyz, View<const double> variance, Rules rules) {
-    check_points(xyz, variance, rules);
-    Window window(xyz.size());
-    std::vector<Index> all(static_cast<std::size_t>(xyz.size()));
-    std::iota(all.begin(), all.end(), Index{0});
-    fill(window, xyz, variance, all.data(), xyz.size());
-    judge(window, xyz.size(), rules);
-    return Owned<double>(std::vector<double>(window.score, window.score + xyz.size()));
-}
-
 // Judges the points of some cores, each in its window; fills their scores, in tree order.
 //
 // Returns the points on rims that lie on a surface, and their scores in that window: (A,), (A,).
@@ -56,7 +44,7 @@ std::pair<Owned<Index>, Owned<double>> judge_sections(View<const double, 2> xyz,
     check(score.size() == xyz.size(), "each point must have a score");
     check_tree(tree, xyz.size());
     check_indices(cores, tree.child.size());
-    check_section(section);
+    check(1 <= section && section <= 1 << 30, "a section must be of at least one point");
     SectionRoom room(tree, cores, section);
     Window window(static_cast<Index>(room.found.size()));
     std::vector<Index> index;
