@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli import arguments
+from lidar_outlier_filter.cli import arguments, truth_arguments
 from lidar_outlier_filter.cli.terminal import (
     INTERRUPTED,
     REFUSED,
@@ -106,7 +106,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     """List the command that is asked for, or all, those of other packages too."""
     names = [name for name in COMMANDS if name in words[:1]]
-    known = [getattr(arguments, f'add_{name}') for name in names or COMMANDS]
+    adding = {**vars(arguments), **vars(truth_arguments)}
+    known = [adding[f'add_{name}'] for name in names or COMMANDS]
     if names:
         return known
     found = sorted(entry_points(group=COMMAND_GROUP), key=lambda one: one.name)

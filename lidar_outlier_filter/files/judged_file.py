@@ -389,13 +389,11 @@ def _method(file: CloudFile) -> tuple[int, str]:
         return 0, ''
     parameters = FilterParameters()
     try:
-        coordinates = points.choose_coordinates(file, ())
-        loaded = points.load(file, coordinates, parameters, timed=True)
+        loaded = points.load(file, points.choose_coordinates(file, ()), parameters, timed=True)
     except CloudError:  # reported by `clean`
         return 0, ''
     if loaded.lack:
-        rings = with_rings(loaded.points, parameters)
-        loaded = points.recovered(file, loaded, rings)
+        loaded = points.recovered(file, loaded, with_rings(loaded.points, parameters))
     seen = DetectorInput(loaded.points.take(loaded.points.valid), parameters, whole=True)
     known = (explanations()[name] for name in parameters.chain if name in explanations())
     return loaded.rings, '; '.join(one.name_method(seen, parameters) for one in known)

@@ -22,8 +22,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees.methods import find_eithe
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
 from lidar_outlier_filter.errors import CloudError, FilterError
-from lidar_outlier_filter.files import points as scan
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.mirror_lines import EDGE, find_lines
 from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -384,4 +384,4 @@ def test_no_scan_lines(tmp_path: Path) -> None:
     found = loaded(las(tmp_path, gps_time=np.arange(8), point_source_id=source))
     assert (found.lines, found.lack) == ('', 'no column that says its scan lines')
     assert not found.points.line.any()
-    assert scan.find_lines(np.empty(0, np.int64), {scan.EDGE: np.empty(0)}) == (None, '')
+    assert find_lines(np.empty(0, np.int64), {EDGE: np.empty(0)}) == (None, '')
