@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
-from helpers import ROOT
+from helpers import CHROMIUM, ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,16 +29,29 @@ hypothesis.settings.load_profile('house')
 
 REAL = ROOT.parent / 'shared' / 'data'
 IS_REAL = (REAL / 'bags').is_dir()
-LEFT_OUT = (
-    'tests that need real recordings and clouds are left out: these must be in ../shared/data of '
-    'the project; CONTRIBUTING.md says where they come from'
-)
+# By fixture: whether its tests can run, and why they are left out where they cannot.
+NEEDS = {
+    'real_data': (
+        IS_REAL,
+        'tests on real data are left out: these must be in ../shared/data, see CONTRIBUTING.md',
+    ),
+    'browser': (
+        CHROMIUM is not None,
+        'tests in a browser are left out: Chromium or Chrome must be installed',
+    ),
+}
+# In CI they fail.
+LEFT_OUT = {
+    fixture: why
+    for fixture, (is_there, why) in NEEDS.items()
+    if not is_there and not os.environ.get('CI')
+}
 
 
 @pytest.fixture(scope='session')
 def real_data() -> Path:
-    """Find the folder of real recordings and clouds; without it CI fails."""
-    assert IS_REAL, LEFT_OUT
+    """Find the folder of real recordings and clouds."""
+    assert IS_REAL, NEEDS['real_data'][1]
     return REAL
 
 
@@ -53,15 +66,16 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out the tests of real recordings without these; not in CI."""
-    if not IS_REAL and not os.environ.get('CI'):
-        items[:] = [one for one in items if 'real_data' not in getattr(one, 'fixturenames', ())]
+    """Leave out the tests whose fixtures lack what they need."""
+    items[:] = [
+        one for one in items if LEFT_OUT.keys().isdisjoint(getattr(one, 'fixturenames', ()))
+    ]
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Say in one line that tests were left out, and where their data come from."""
-    if not IS_REAL and not os.environ.get('CI'):
-        terminalreporter.write_line(LEFT_OUT)
+    """Say in a line each which tests were left out, and what they need."""
+    for why in LEFT_OUT.values():
+        terminalreporter.write_line(why)
 
 
 # Tests without ROS do not wait for its import.
@@ -120,6 +134,7 @@ def found(snow: Path) -> Gathered:
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Browser]:
     """Start Chromium that draws in software."""
+    assert CHROMIUM, NEEDS['browser'][1]
     from helpers.browsers import chromium  # noqa: PLC0415
 
     with chromium() as opened:

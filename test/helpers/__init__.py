@@ -5,12 +5,15 @@
 import sys
 from importlib import import_module
 from pathlib import Path
+from shutil import which
 from typing import Any
 
 HELPERS = Path(__file__).parent  # some are programs, too
 TESTS = HELPERS.parent  # on the path of a process that imports ``helpers``
 ROOT = TESTS.parent
 BENCHMARKS = ROOT / 'benchmarks'
+# The browser that opens pages; None: not installed
+CHROMIUM = next(filter(None, map(which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
 
 
 def names(folder: Path) -> list[str]:

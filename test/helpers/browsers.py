@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import pytest
 from playwright.sync_api import sync_playwright
+
+from helpers import CHROMIUM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 TIMEOUT = 300_000  # milliseconds, of a machine with much other work
-NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 # Software draws; and nothing but the page is fetched, not by the browser itself either.
 OPTIONS = (
     '--no-sandbox',
@@ -35,15 +33,9 @@ OPTIONS = (
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Start Chromium; without it CI fails, and a test elsewhere is skipped."""
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        missing = f'one of {", ".join(NAMES)} must be installed, got none'
-        if os.environ.get('CI'):
-            pytest.fail(missing)
-        pytest.skip(missing)
+    """Start Chromium."""
     with sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=path, args=list(OPTIONS))
+        opened = driver.chromium.launch(executable_path=CHROMIUM, args=list(OPTIONS))
         yield opened
         opened.close()
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.browsers import chromium, new_tab
+from helpers.browsers import new_tab
 from helpers.live import environment
 from helpers.nodes import Ros, Sensor
 from helpers.programs import Program
@@ -23,7 +23,7 @@ from lidar_outlier_filter.report.served import PageServer, about
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
@@ -36,7 +36,7 @@ THRESHOLD = 'boosted_trees.threshold'
 
 
 @pytest.fixture
-def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
+def served(ros: Ros, sweeps: list[PointCloud2], browser: Browser) -> Iterator[Served]:
     """Filter four sweeps of a VLP-16, and open the page; the node goes on meanwhile."""
     node = ros.filter(parameters={'blocks': 'message', 'scores': True, THRESHOLD: 0.5})
     server = serve_page(node)
@@ -56,12 +56,12 @@ def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
     spinning = threading.Thread(target=spin)
     spinning.start()
     wrong: list[str] = []
-    with chromium() as browser:
-        page = new_tab(browser, viewport={'width': 1280, 'height': 900})
-        page.on('console', lambda message: wrong.append(message.text))
-        page.on('pageerror', lambda error: wrong.append(str(error)))
-        page.goto(server.address)
-        yield node, server, page, wrong
+    page = new_tab(browser, viewport={'width': 1280, 'height': 900})
+    page.on('console', lambda message: wrong.append(message.text))
+    page.on('pageerror', lambda error: wrong.append(str(error)))
+    page.goto(server.address)
+    yield node, server, page, wrong
+    page.context.close()
     stop.set()
     spinning.join()
     server.close()
