@@ -13,9 +13,10 @@ from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import DATATYPES, FORMATS, SCORE_FIELDS, laid_out
+from lidar_outlier_filter.messages.laser_scan import as_cloud, is_scan
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
-A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'
+A_CLOUD = 'a structured array with the fields x, y and z, a PointCloud2 or a LaserScan'
 
 
 class ArrayCloud(SimpleNamespace):
@@ -51,22 +52,25 @@ def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
 
     Parameters
     ----------
-    cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
-        An array is not copied where its points lie together in memory.
+    cloud : structured array of shape (N,) or (height, width), or a message
+        Anything like a PointCloud2, a LaserScan or a MultiEchoLaserScan. An array is not copied
+        where its points lie together in memory.
     stamp : int, optional
-        Reference of an array's relative times, nanoseconds. A PointCloud2 has its own.
+        Reference of an array's relative times, nanoseconds. A message has its own.
 
     Raises
     ------
     CloudError
-        If it is neither, or an array that cannot be read.
+        If it is neither, or cannot be read.
 
     """
+    if is_scan(cloud):
+        cloud = as_cloud(cloud)
     if not isinstance(cloud, np.ndarray):
         if not all(hasattr(cloud, name) for name in (*ATTRIBUTES, 'data')):
             raise CloudError('a cloud', A_CLOUD, f'{type(cloud).__name__}')
         if stamp is not None:
-            raise CloudError('the stamp', 'that of the message, for a PointCloud2', stamp)
+            raise CloudError('the stamp', 'that of the message', stamp)
         return cloud
     _refuse(cloud)
     if stamp is not None and not isinstance(stamp, int | np.integer):

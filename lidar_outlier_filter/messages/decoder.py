@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Convert PointCloud2 to Points: time field, scan lines and missing returns."""
+"""Convert messages to Points: time field, scan lines and missing returns."""
 
 import copy
 from collections.abc import Callable
@@ -26,8 +26,11 @@ from lidar_outlier_filter.messages.cloud import (
     is_empty,
     structured,
 )
+from lidar_outlier_filter.messages.laser_scan import TIME_FIELD, TIME_UNIT, ScanCloud
 from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
+
+SCAN = 'scan'  # the source of lines of a 2-D scanner, whose messages are lines
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,15 @@ class Convention:
         """Whether the scan lines are the sensor's rings."""
         return self.line_source in {'field', 'row', 'column'}
 
+    @property
+    def is_message(self) -> bool:
+        """Whether each message is a scan line."""
+        return self.line_source in {'message', SCAN}
+
     def __str__(self) -> str:
         """Describe it for the log."""
+        if self.line_source == SCAN:
+            return 'times from time_increment, each scan is a scan line'
         if self.time_field is None:
             time = 'times from points_per_second'
         else:
@@ -113,7 +123,10 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        convention = self._convention(view, valid, xyz)
+        if isinstance(msg, ScanCloud):
+            convention = self._of_scan() if valid.any() else None
+        else:
+            convention = self._convention(view, valid, xyz)
         if convention is None:
             # Without a valid point there is no convention, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
@@ -214,7 +227,8 @@ class Decoder:
             self._inform(str(convention))
         if is_worse:
             names = short(', '.join(dtype.names or ()))
-            self._warn(f'among the fields {names} there is {convention.warning}')
+            text = f'among the fields {names} there is {convention.warning}'
+            self._warn(convention.warning if convention.line_source == SCAN else text)
 
     def _warn_of_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
         """Warn once of coordinates whose float32 resolution is too coarse."""
@@ -222,6 +236,20 @@ class Decoder:
         if warning := too_coarse(xyz, valid, single):
             self._has_warned_of_steps = True
             self._warn(warning)
+
+    def _of_scan(self) -> Convention:
+        """Return how scans are read: nothing is to be found, and each is a scan line."""
+        warning = 'scans have no room for scores, which are left out'
+        warning = warning if self.parameters.scores else ''
+        return self._with_rings(
+            Convention(TIME_FIELD, TIME_UNIT, False, SCAN, None, warning)  # noqa: FBT003
+        )
+
+    def _with_rings(self, found: Convention) -> Convention:
+        """Refuse a convention without rings, if there is a mask."""
+        if self._mask is not None and not found.has_rings:
+            raise CloudError('the scan lines', NEEDS_RINGS, f'by {found.line_source}')
+        return found
 
     def _detect(self, view: Rows, valid: Bools, xyz: Floats) -> Convention:
         parameters = self.parameters
@@ -262,9 +290,7 @@ class Decoder:
         found = Convention(
             time_field, unit, absolute, source, line_field, warning, is_final, is_known, claim
         )
-        if self._mask is not None and not found.has_rings:
-            raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
-        return found
+        return self._with_rings(found)
 
     def _claim(self, source: str, line_field: str | None, time_field: str | None) -> Claim | None:
         """Return what claims to be a scan line; None where lines are used as they are."""
@@ -305,7 +331,7 @@ class Decoder:
     ) -> Ints:
         """Let sweeps follow each other where their stamps stand still, or come too early."""
         start, before = _nanoseconds(stamp), copy.copy(self._stamps)
-        known = line[valid] if convention.line_source != 'message' else np.zeros(1, np.int64)
+        known = np.zeros(1, np.int64) if convention.is_message else line[valid]
         behind = self._stamps.behind(start, t[valid] - start, known)
         if self._stamps.stands_still and not before.stands_still:
             self._warn('stamps stand still: each cloud follows the one before, by its own times')
@@ -325,7 +351,7 @@ class Decoder:
             return np.repeat(np.arange(height), width)
         if convention.line_source == 'column':
             return np.tile(np.arange(width), height)
-        if convention.line_source == 'message':
+        if convention.is_message:
             return self._counter.next_line(view.size)
         return self._counter.by_angle(self._angle(view, xyz), valid)
 

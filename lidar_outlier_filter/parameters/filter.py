@@ -54,6 +54,13 @@ class FilterParameters:
         'Topics of the sensors; each is split into its /cleaned and /outliers.',
         fixed=True,
     )
+    input_type: str = declare(
+        'PointCloud2',
+        'Type of their messages (sensor_msgs), which the outputs have, too; recordings say it '
+        'themselves.',
+        choices=('PointCloud2', 'LaserScan', 'MultiEchoLaserScan'),
+        fixed=True,
+    )
     chain: tuple[str, ...] = declare(
         _default_chain,
         'Detectors, in their order.',  # the choices: every detector that is installed

@@ -21,6 +21,7 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.laser_scan import is_scan
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
@@ -233,7 +234,11 @@ def _claimed(
 ) -> tuple[Points, Claim | None, str]:
     """Convert a cloud to points; also return what claims to be their lines, and why none does."""
     is_array = isinstance(cloud, np.ndarray)
-    if not hasattr(cloud, 'fields') and not (is_array and cloud.dtype.names is not None):
+    if is_array:
+        is_message = cloud.dtype.names is not None
+    else:
+        is_message = hasattr(cloud, 'fields') or is_scan(cloud)
+    if not is_message:
         return _from_arrays(cloud, columns, parameters, warn)
     for name, values in columns.items():
         if values is not None:

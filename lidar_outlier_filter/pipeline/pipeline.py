@@ -21,6 +21,7 @@ from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import is_organised, split
 from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.laser_scan import ScanCloud
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.pipeline.motion import PoseQueue, PoseSource
 from lidar_outlier_filter.pipeline.statistics import Statistics
@@ -334,6 +335,9 @@ class Pipeline:
         return True
 
     def _split_one(self, cloud: _PendingCloud) -> SplitCloud:
+        if isinstance(cloud.msg, ScanCloud):
+            parts = cloud.msg.split(cloud.verdict.rejected, self.requested_outputs)
+            return SplitCloud(*parts, cloud.tag)
         parameters, left_out = cloud.parameters, None
         keeps_shape = parameters.keep_organized and is_organised(cloud.msg)
         if parameters.missing == 'drop' and cloud.is_judged and not keeps_shape:

@@ -18,6 +18,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
+from lidar_outlier_filter.messages.laser_scan import as_cloud
 from lidar_outlier_filter.parameters.declaration import MASK
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import MotionParameters
@@ -28,7 +29,9 @@ from lidar_outlier_filter.pipeline.tf import DYNAMIC, STATIC, pose_source
 from lidar_outlier_filter.pipeline.topics import (
     CLOUD,
     COMPRESSED,
+    MULTI_ECHO,
     ODOMETRY,
+    SCAN,
     TRANSFORMS,
     output_topics,
     resolve,
@@ -36,6 +39,7 @@ from lidar_outlier_filter.pipeline.topics import (
 from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.channels import known_types, unchanged_definition
 
+SCANS = {SCAN, MULTI_ECHO}
 MAX_SENTENCES = 50  # of refusals that are kept
 MAX_TIME_NS = 2**63 - 1  # ns
 GAP_MEDIANS = 2.0  # median distances: messages are missing in a longer one
@@ -201,14 +205,14 @@ class CloudTopic:
         self._bag = bag
         self._outputs: list[Topic] = []
         self.pipeline.requested_outputs = (True, True)
-        definition = self.topic.definition, self.topic.digest
-        if self.topic.msgtype == COMPRESSED:
-            definition = unchanged_definition(CLOUD)
+        msgtype, definition = self.topic.msgtype, (self.topic.definition, self.topic.digest)
+        if msgtype == COMPRESSED:
+            msgtype, definition = CLOUD, unchanged_definition(CLOUD)
         for name in output_topics(resolve(self.topic.name)):
             if name in names:
                 must_be = 'new to the recording'
                 raise RecordingError(f'the output topic of {self.topic.name}', must_be, name)
-            output = Topic(name, CLOUD, *definition, (RELIABLE,))
+            output = Topic(name, msgtype, *definition, (RELIABLE,))
             bag.add(output)
             names.add(name)
             self._outputs.append(output)
@@ -259,7 +263,7 @@ class CloudTopic:
         for result in finished:
             _, time = result.tag
             for topic, msg in zip(self._outputs, (result.cleaned, result.outliers), strict=True):
-                self._bag.write(topic, time, bytes(self._types.serialize_cdr(msg, CLOUD)))
+                self._bag.write(topic, time, bytes(self._types.serialize_cdr(msg, topic.msgtype)))
 
     def report(self) -> TopicReport:
         """Count the clouds."""
@@ -284,7 +288,7 @@ class CloudTopic:
 
 
 def read_cloud(topic: Topic, data: bytes) -> Any:
-    """Read a cloud from the CDR bytes of a message, compressed or not.
+    """Read a cloud from the CDR bytes of a message, compressed or not, or of a scan.
 
     Raises
     ------
@@ -292,21 +296,27 @@ def read_cloud(topic: Topic, data: bytes) -> Any:
         If it is damaged.
 
     """
+    is_scan = topic.msgtype in SCANS
     if topic.msgtype == COMPRESSED:
         data = decompressed(data)
     try:
-        return known_types().deserialize_cdr(data, CLOUD)
+        msg = known_types().deserialize_cdr(data, topic.msgtype if is_scan else CLOUD)
     except SerdeError as err:
         raise CloudError('the CDR bytes', 'a whole cloud', err) from err
+    return as_cloud(msg) if is_scan else msg
 
 
-def cloud_topics(source: Recording) -> dict[str, Topic]:
-    """Name the topics of clouds, without compressed copies of a topic that is recorded, too."""
-    found = {one.name: one for one in source.topics if one.msgtype in {CLOUD, COMPRESSED}}
+def cloud_topics(source: Recording, *, scans: bool = False) -> dict[str, Topic]:
+    """Name the topics of clouds, without compressed copies of a topic that is recorded, too.
+
+    With ``scans``, those of 2-D scanners, too.
+    """
+    kinds = {CLOUD, COMPRESSED} | (SCANS if scans else set())
+    found = {one.name: one for one in source.topics if one.msgtype in kinds}
     return {
         name: topic
         for name, topic in found.items()
-        if topic.msgtype == CLOUD or name.rpartition('/')[0] not in found
+        if topic.msgtype != COMPRESSED or name.rpartition('/')[0] not in found
     }
 
 

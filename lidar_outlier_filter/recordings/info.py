@@ -18,6 +18,7 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.laser_scan import ScanCloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
@@ -136,7 +137,7 @@ def describe_recording(
             source.duration / SECOND,
             source.message_count,
             {topic: MessageTimes() for topic in source.topics},
-            {topic: CloudInfo() for topic in cloud_topics(source).values()},
+            {topic: CloudInfo() for topic in cloud_topics(source, scans=True).values()},
         )
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
@@ -179,6 +180,11 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
 def _describe(cloud: CloudInfo, msg: Any) -> None:
     cloud.frame = str(msg.header.frame_id)
     cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
+    if isinstance(msg, ScanCloud):
+        names = ('ranges', 'intensities')[: 1 + bool(len(msg.scan.intensities))]
+        cloud.step = len(names) * np.dtype(np.float32).itemsize
+        cloud.fields = tuple(f'{name} float32' for name in names)
+        return
     cloud.fields = tuple(f'{one.name} {_kind(one.datatype)}' for one in msg.fields)
 
 

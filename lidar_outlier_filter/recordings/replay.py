@@ -12,7 +12,7 @@ from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
+from lidar_outlier_filter.pipeline.topics import CLOUD, SCAN, check_name
 from lidar_outlier_filter.recordings.bags import MAX_MESSAGE_BYTES, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
     CloudTopic,
@@ -71,7 +71,7 @@ def replay(  # noqa: PLR0913  what the command line offers
     ----------
     recording : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
     output : folder to be made, an MCAP bag
-    topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them.
+    topics : topics of clouds or 2-D scans to filter, each as a stream of its own; none given: all.
         Those that point_cloud_transport has compressed are filtered where the plain one is not
         recorded
     parameters : of the filter, by flat name
@@ -103,7 +103,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         source.path = recording  # errors name the recording that was given, not its copy
         custom_data = {**source.custom_data, **made_by('replay', given)}
         bag = stack.enter_context(NewBag(output, custom_data))
-        chosen = choose_clouds(source, topics, 'a topic to filter')
+        chosen = choose_clouds(source, topics, 'a topic to filter', scans=True)
         if len(chosen) > 1:
             _check_several(given)
         check_motion(source, given.motion)
@@ -147,12 +147,17 @@ def _copy(
     return done
 
 
-def choose_clouds(source: Recording, requested: Collection[str], what: str) -> list[Topic]:
-    """Find the requested topics of clouds, which errors call ``what``; without a request, all."""
-    clouds = cloud_topics(source)
+def choose_clouds(
+    source: Recording, requested: Collection[str], what: str, *, scans: bool = False
+) -> list[Topic]:
+    """Find the requested topics of clouds, which errors call ``what``; without a request, all.
+
+    With ``scans``, those of 2-D scanners, too.
+    """
+    clouds = cloud_topics(source, scans=scans)
     if not clouds:
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)
-        must_be = f'one with a topic of type {CLOUD}'
+        must_be = f'one with a topic of type {CLOUD}' + (f' or {SCAN}' if scans else '')
         raise NoCloudsError(f'the recording {source.path}', must_be, found or 'no topic at all')
     names = dict.fromkeys(requested or clouds)
     for name in names:

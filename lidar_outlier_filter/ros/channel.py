@@ -23,7 +23,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.compressed import FORMATS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
-from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED
 from lidar_outlier_filter.ros.backlog import Received, Treatment
 from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
@@ -59,10 +58,11 @@ class Channel:
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
         self._clock = DelayClock(node)
-        self.publisher = SplitCloudPublisher(node, topic)
+        self._type = input_type(self.resolved, parameters.input_type)
+        self.publisher = SplitCloudPublisher(node, topic, self._type.published)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
-        self._type, self.worker.read = input_type(self.resolved)
-        if self._type is PointCloud2 and self.resolved.rpartition('/')[2] in FORMATS:
+        self.worker.read = self._type.read
+        if self._type.received is PointCloud2 and self.resolved.rpartition('/')[2] in FORMATS:
             self._log_warning('read as PointCloud2: point_cloud_interfaces is not installed')
         self._clouds: Subscription | None = None
         self._odometry: Subscription | None = None
@@ -85,7 +85,9 @@ class Channel:
             self._odometry = self._subscribe(
                 Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
             )
-        create = partial(self._subscribe, self._type, self.topic, self.take, INPUT_DEPTH, raw=True)
+        create = partial(
+            self._subscribe, self._type.received, self.topic, self.take, INPUT_DEPTH, raw=True
+        )
         try:
             events = SubscriptionEventCallbacks(message_lost=self._lost)
             self._clouds = create(event_callbacks=events)
@@ -146,9 +148,12 @@ class Channel:
         name = self.publisher.cleaned.topic_name
         if (count := self._node.count_publishers(name)) > 1:
             remarks.append(f'{count} publishers on {name}: another node has the same outputs')
-        own = CLOUD if self._type is PointCloud2 else COMPRESSED  # others are never connected
+        own = self._type.name  # others are never connected
         found = {one.topic_type for one in self._node.get_publishers_info_by_topic(self.resolved)}
-        remarks += [f'{other} is published, {own} is received' for other in sorted(found - {own})]
+        remarks += [
+            f'{other} is published, {own} is received (input_type)'
+            for other in sorted(found - {own})
+        ]
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set but /clock is not published')
         return remarks

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of one topic's clouds, and reading of serialised clouds.
+"""Publishers of one topic's clouds, and reading of serialised clouds and scans.
 
 rclpy copies the points three times under the GIL. So it reads the other fields only; the points
 are a view of the received bytes.
@@ -10,22 +10,26 @@ import importlib
 import struct
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import LaserScan, MultiEchoLaserScan, PointCloud2
 from std_msgs.msg import String
 
 from lidar_outlier_filter.errors import CloudError, quote_error
+from lidar_outlier_filter.messages.laser_scan import ScanCloud, as_cloud
 from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-from lidar_outlier_filter.pipeline.topics import output_topics
+from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED, output_topics
 
 # Names that a launch may remap instead of `points` and its outputs
 INPUT, OUTPUTS = '~/input', ('~/output', '~/outliers')
+SCANS = {'LaserScan': LaserScan, 'MultiEchoLaserScan': MultiEchoLaserScan}
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
 
@@ -33,13 +37,13 @@ ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
 class SplitCloudPublisher:
     """Publishes the cleaned and the outlier clouds of one topic."""
 
-    def __init__(self, node: Node, topic: str) -> None:
+    def __init__(self, node: Node, topic: str, kind: type = PointCloud2) -> None:
         """Advertise ``topic``/cleaned and ``topic``/outliers, by the name it is remapped to."""
         self._node = node
         self._context = node.context
         self.cleaned, self.outliers = (
             node.create_publisher(
-                PointCloud2,
+                kind,
                 name,
                 QoSProfile(depth=OUTPUT_DEPTH),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -100,16 +104,34 @@ def remapped(node: Node, name: str) -> str:
     return new if new != node.resolve_topic_name(name, only_expand=True) else ''
 
 
-def input_type(topic: str) -> tuple[type, Callable[[bytes], PointCloud2]]:
-    """Return the type of an input topic, and how its messages are read.
+class InputType(NamedTuple):
+    """The type of an input topic, its name and that of its outputs, and how messages are read."""
+
+    received: type
+    name: str
+    published: type
+    read: Callable[[bytes], Any]
+
+
+def input_type(topic: str, name: str) -> InputType:
+    """Return the type that is called ``name`` in ``sensor_msgs``.
 
     A topic of point_cloud_transport is named after the format; without its messages it is plain.
     """
+    if name in SCANS:
+        kind = SCANS[name]
+        return InputType(kind, f'sensor_msgs/msg/{name}', kind, partial(_read_scan, kind))
     if topic.rpartition('/')[2] in FORMATS:
         with suppress(ImportError):
-            messages = importlib.import_module('point_cloud_interfaces.msg')
-            return messages.CompressedPointCloud2, lambda data: read_cloud(decompressed(data))
-    return PointCloud2, read_cloud
+            kind = importlib.import_module('point_cloud_interfaces.msg').CompressedPointCloud2
+            read = lambda data: read_cloud(decompressed(data))  # noqa: E731
+            return InputType(kind, COMPRESSED, PointCloud2, read)
+    return InputType(PointCloud2, CLOUD, PointCloud2, read_cloud)
+
+
+def _read_scan(kind: type, received: bytes) -> ScanCloud:
+    """Read a serialised scan as a cloud."""
+    return as_cloud(_by_rclpy(received, kind))
 
 
 def read_cloud(received: bytes) -> PointCloud2:
@@ -136,9 +158,9 @@ def read_cloud(received: bytes) -> PointCloud2:
     return msg
 
 
-def _by_rclpy(data: bytes) -> PointCloud2:
+def _by_rclpy(data: bytes, kind: type = PointCloud2) -> Any:
     try:
-        return deserialize_message(data, PointCloud2)
+        return deserialize_message(data, kind)
     except RuntimeError as err:  # of the middleware
-        must_be, got = 'a sensor_msgs/msg/PointCloud2', f'other bytes ({quote_error(err)})'
+        must_be, got = f'a sensor_msgs/msg/{kind.__name__}', f'other bytes ({quote_error(err)})'
         raise CloudError('a serialised cloud', must_be, got) from err
