@@ -42,7 +42,7 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
         default_value='points',
-        description='PointCloud2 topic of the sensor; published as its /cleaned and /outliers. '
+        description='Topic of the sensor, of clouds or scans; published as its /cleaned and /outliers. '
         'Several, with commas between: one process serves them all.',
     ),
     DeclareLaunchArgument(

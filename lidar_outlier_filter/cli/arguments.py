@@ -46,7 +46,7 @@ def add_replay(commands: Commands) -> None:
         default=[],
         dest='topics',
         metavar='T',
-        help='filter this topic only; may be repeated; default: all PointCloud2 topics',
+        help='filter this topic only; may be repeated; default: all topics of clouds and scans',
     )
     add_chain_option(parser)
     add_parameter_options(parser)

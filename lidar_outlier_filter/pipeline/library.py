@@ -93,8 +93,9 @@ class CloudFilter(Pipeline):
 
         Parameters
         ----------
-        cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
-            With the fields x, y and z, metres. The outputs have the same type.
+        cloud : structured array of shape (N,) or (height, width), or a message
+            With the fields x, y and z, metres: anything like a PointCloud2; or anything like a
+            LaserScan or a MultiEchoLaserScan. The outputs have the same type.
             It must not be modified until its outputs are returned.
         tag : optional
             Any object; it is returned with the outputs.
@@ -134,7 +135,7 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
 
     Parameters
     ----------
-    xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2
+    xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2 or LaserScan
         Coordinates, metres. Missing returns (NaN, Inf, or all three 0) are kept; their score is
         NaN. Structured arrays and PointCloud2 have times, rings and intensities as fields.
     t : (N,) array, optional

@@ -18,7 +18,6 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
-from lidar_outlier_filter.messages.laser_scan import as_cloud
 from lidar_outlier_filter.parameters.declaration import MASK
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import MotionParameters
@@ -296,14 +295,14 @@ def read_cloud(topic: Topic, data: bytes) -> Any:
         If it is damaged.
 
     """
-    is_scan = topic.msgtype in SCANS
     if topic.msgtype == COMPRESSED:
         data = decompressed(data)
     try:
-        msg = known_types().deserialize_cdr(data, topic.msgtype if is_scan else CLOUD)
+        return known_types().deserialize_cdr(
+            data, topic.msgtype if topic.msgtype in SCANS else CLOUD
+        )
     except SerdeError as err:
         raise CloudError('the CDR bytes', 'a whole cloud', err) from err
-    return as_cloud(msg) if is_scan else msg
 
 
 def cloud_topics(source: Recording, *, scans: bool = False) -> dict[str, Topic]:

@@ -18,7 +18,6 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.laser_scan import ScanCloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
@@ -179,12 +178,12 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
 
 def _describe(cloud: CloudInfo, msg: Any) -> None:
     cloud.frame = str(msg.header.frame_id)
-    cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
-    if isinstance(msg, ScanCloud):
-        names = ('ranges', 'intensities')[: 1 + bool(len(msg.scan.intensities))]
-        cloud.step = len(names) * np.dtype(np.float32).itemsize
+    if hasattr(msg, 'ranges'):  # a scan
+        names = ('ranges', 'intensities')[: 1 + bool(len(msg.intensities))]
+        cloud.shape, cloud.step = (1, len(msg.ranges)), len(names) * np.dtype(np.float32).itemsize
         cloud.fields = tuple(f'{name} float32' for name in names)
         return
+    cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
     cloud.fields = tuple(f'{one.name} {_kind(one.datatype)}' for one in msg.fields)
 
 

@@ -22,7 +22,6 @@ from sensor_msgs.msg import LaserScan, MultiEchoLaserScan, PointCloud2
 from std_msgs.msg import String
 
 from lidar_outlier_filter.errors import CloudError, quote_error
-from lidar_outlier_filter.messages.laser_scan import ScanCloud, as_cloud
 from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED, output_topics
@@ -120,18 +119,13 @@ def input_type(topic: str, name: str) -> InputType:
     """
     if name in SCANS:
         kind = SCANS[name]
-        return InputType(kind, f'sensor_msgs/msg/{name}', kind, partial(_read_scan, kind))
+        return InputType(kind, f'sensor_msgs/msg/{name}', kind, partial(_by_rclpy, kind=kind))
     if topic.rpartition('/')[2] in FORMATS:
         with suppress(ImportError):
             kind = importlib.import_module('point_cloud_interfaces.msg').CompressedPointCloud2
             read = lambda data: read_cloud(decompressed(data))  # noqa: E731
             return InputType(kind, COMPRESSED, PointCloud2, read)
     return InputType(PointCloud2, CLOUD, PointCloud2, read_cloud)
-
-
-def _read_scan(kind: type, received: bytes) -> ScanCloud:
-    """Read a serialised scan as a cloud."""
-    return as_cloud(_by_rclpy(received, kind))
 
 
 def read_cloud(received: bytes) -> PointCloud2:

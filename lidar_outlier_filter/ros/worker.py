@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from time import perf_counter
+from typing import Any
 
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -45,7 +46,7 @@ class Worker:
         self.inbox = Inbox(parameters.load)
         self.clock = clock
         self.enabled = True
-        self.read: Callable[[bytes], PointCloud2] = read_cloud
+        self.read: Callable[[bytes], Any] = read_cloud
         self._filter = filter_
         self._publisher = publisher
         self._health = health
@@ -200,7 +201,7 @@ class Worker:
         except CloudError as err:
             self._filter.refused(err)
             return
-        self._health.read(len(received.msg.data) // max(received.msg.point_step, 1))
+        self._health.read(_count(received.msg))
         if treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
             self._publish(self._filter.flush_pending())
@@ -263,7 +264,7 @@ class Worker:
         self._health.counted(self._filter.statistics)
         self._publisher.wait()
 
-    def _process(self, msg: PointCloud2, tag: object, bypassed: str = '') -> list[SplitCloud]:
+    def _process(self, msg: Any, tag: object, bypassed: str = '') -> list[SplitCloud]:
         """Filter the next cloud; return the outputs that it completes, the oldest first.
 
         An invalid cloud is counted and logged, at a bounded rate, and has no output.
@@ -277,6 +278,13 @@ class Worker:
         except CloudError as err:
             self._filter.refuse(err)
             return self._filter.advance()
+
+
+def _count(msg: Any) -> int:
+    """Count the points of a cloud, or the shots of a scan."""
+    if isinstance(msg, PointCloud2):
+        return int(len(msg.data) // max(msg.point_step, 1))
+    return len(msg.ranges)
 
 
 class DelayClock:

@@ -160,7 +160,14 @@ def _to_set(changes: dict[str, object]) -> list[Parameter]:
 class Sensor:
     """Publishes clouds for a filter and collects its outputs."""
 
-    def __init__(self, ros: Ros, topic: str, kind: Any = PointCloud2, outputs: str = '') -> None:
+    def __init__(
+        self,
+        ros: Ros,
+        topic: str,
+        kind: Any = PointCloud2,
+        outputs: str = '',
+        published: Any = PointCloud2,
+    ) -> None:
         self._ros = ros
         self._matched = Future()
         self.cleaned: list[PointCloud2] = []
@@ -175,7 +182,7 @@ class Sensor:
         for name, received in (('cleaned', self.cleaned), ('outliers', self.outliers)):
             self._subscriptions.append(
                 ros.client.create_subscription(
-                    PointCloud2, f'{outputs or topic}/{name}', self._collect(received), KEEP_ALL
+                    published, f'{outputs or topic}/{name}', self._collect(received), KEEP_ALL
                 )
             )
 
