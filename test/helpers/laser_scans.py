@@ -47,7 +47,8 @@ class Scanner:
         rng, numbers = np.random.default_rng(number), self.numbers
         shot = np.arange(self.shots)
         angle = numbers['angle_min'] + shot * numbers['angle_increment']
-        x = self.speed * (number / self.rate + shot * numbers['time_increment']) - 4.0
+        t = number / self.rate + shot.astype(np.float64) * numbers['time_increment']
+        x = self.speed * t - 4.0
         far = _seen(x, np.stack([np.cos(angle), np.sin(angle)]))
         far += NOISE * rng.standard_normal(self.shots)
         stray = rng.random(self.shots) < STRAYS
@@ -88,7 +89,7 @@ class Scanner:
 def _seen(x: Floats, beam: Floats) -> Floats:
     """Return how far shots from (x, 0) see in directions (2, N)."""
     toward, across = beam
-    far = np.minimum(
+    far: Floats = np.minimum(
         (np.where(toward > 0, WALLS[0], -WALLS[0]) - x) / np.where(toward == 0, 1e-9, toward),
         WALLS[1] / np.maximum(np.abs(across), 1e-9),
     )

@@ -102,10 +102,11 @@ class Drive:
         t: Floats = np.arange(-1.0, np.ceil(last * 100) + 2, dtype=np.float64) / 100
         position, rotation = pose(t)
         listed = (position + MAP).tolist(), rotation.as_quat().tolist()
-        return [_odometry(*item) for item in zip(t, *listed, strict=True)]
+        return [odometry(*item) for item in zip(t, *listed, strict=True)]
 
 
-def _odometry(t: float, position: list[float], quaternion: list[float]) -> Odometry:
+def odometry(t: float, position: list[float], quaternion: list[float]) -> Odometry:
+    """Make a pose, t seconds after the start of a drive."""
     msg = Odometry()
     stamp = STAMP + round(t * SECOND)
     msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, SECOND)
