@@ -27,7 +27,7 @@ DESCRIPTION = """\
 Split each cloud of a lidar into a cleaned and an outlier cloud, until SIGINT or SIGTERM.
 
 topics:
-  points           the input; -r renames it, input_type is PointCloud2, LaserScan or MultiEchoLaserScan
+  points           the input; -r renames it, input_type tells scans of 2-D scanners from clouds
   points/cleaned   kept points, including missing returns
   points/outliers  rejected points
   /diagnostics     once a second, one status for each input

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
-from lidar_outlier_filter.core.points.points import LONGEST, SECOND
+from lidar_outlier_filter.core.points.points import LONGEST_NS, SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import DATATYPES, MAX_LAYOUTS
 
@@ -113,7 +113,7 @@ def _refuse_numbers(scan: Any) -> None:
     if not 0 <= scan.range_min < scan.range_max:
         got = f'{scan.range_min:g} and {scan.range_max:g} m'
         raise CloudError('range_min of a scan', '0 or more, and below range_max', got)
-    if not 0 <= scan.time_increment * SECOND * max(len(scan.ranges), 1) < LONGEST:
+    if not 0 <= scan.time_increment * SECOND * max(len(scan.ranges), 1) < LONGEST_NS:
         must_be, got = 'from 0 on, and a scan of less than 73 years', f'{scan.time_increment:g} s'
         raise CloudError('time_increment of a scan', must_be, got)
 

@@ -22,6 +22,9 @@ from helpers.clouds import STAMP, cloud, table
 from helpers.live import KEEP_ALL
 
 PERIOD = 0.1  # seconds between two clouds
+# A sensor is there long before a node. Fast DDS tells of a participant at its start and every three
+# seconds, and one that starts in between waits for the next time, whatever its program.
+ANNOUNCED_S = 2.0
 RINGS, COLUMNS = 16, 256
 TIMEOUT = 600.0  # seconds
 RELIABLE = 'qos_overrides./points.subscription.reliability:=reliable'
@@ -93,6 +96,7 @@ class Watch:
         settings = [word for one in [RELIABLE, *self.arguments] for word in ('-p', one)]
         command = ['-P', '-m', 'lidar_outlier_filter.ros.executable', '--ros-args', *settings]
         self._log = tempfile.TemporaryFile('w+')
+        time.sleep(ANNOUNCED_S)
         self.began = time.monotonic()
         self.process = subprocess.Popen(
             [sys.executable, *command], env={**os.environ, **self.env}, stderr=self._log

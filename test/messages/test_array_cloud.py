@@ -169,7 +169,11 @@ AXES: list[Any] = [('x', 'f4'), ('y', 'f4'), ('z', 'f4')]
 REFUSALS: list[tuple[Any, float | None, str]] = [
     (np.zeros((5, 3)), None, 'a cloud must be a structured array .* got an array of float64'),
     ([1, 2, 3], None, 'a PointCloud2 or a LaserScan, got list'),
-    (SimpleNamespace(header=None, data=b''), None, 'a PointCloud2 or a LaserScan, got SimpleNamespace'),
+    (
+        SimpleNamespace(header=None, data=b''),
+        None,
+        'a PointCloud2 or a LaserScan, got SimpleNamespace',
+    ),
     (np.zeros(5, AXES[:2]), None, 'the fields must be with x, y and z, got x, y'),
     (np.zeros(5, []), None, 'a cloud must be a structured array'),
     (np.zeros((2, 2, 2), AXES), None, 'the shape of a cloud must be'),

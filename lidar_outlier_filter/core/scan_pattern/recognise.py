@@ -290,11 +290,18 @@ def _sines(xyz: Floats) -> Floats:
     return sines
 
 
+def _medians(rows: Floats) -> Floats:
+    """Return the median of each row, without its NaN, for which NumPy takes 30 times as long."""
+    has_nan = np.isnan(rows).any()
+    medians: Floats = (np.nanmedian if has_nan else np.median)(rows, axis=1)
+    return medians
+
+
 def _spread(sine: Floats) -> float:
     """Return how far sines (L, M) are off the median of their line ÷ how far the next line is."""
-    middle = np.nanmedian(sine, axis=1)
+    middle = _medians(sine)
     gap = float(np.median(np.diff(np.sort(middle))))
-    off = np.nanmedian(np.abs(sine - middle[:, None]), axis=1)
+    off = _medians(np.abs(sine - middle[:, None]))
     return np.inf if gap < MIN_RING_GAP_RAD else float(np.median(off)) / gap
 
 

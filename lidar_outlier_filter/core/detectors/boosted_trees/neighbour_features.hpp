@@ -70,8 +70,9 @@ struct Planes {
 };
 
 inline constexpr Index LARGEST_COMPONENT = 61;  // points: so many are no group
-inline constexpr Index MAX_REACHED = LARGEST_COMPONENT + 1 + K * Index{K + 1};  // before the steps end
-inline constexpr Index TABLE = 1024;  // slots for those, a power of 2: few of them meet
+inline constexpr Index MAX_REACHED =
+    LARGEST_COMPONENT + 1 + K * Index{K + 1};  // before the steps end
+inline constexpr Index TABLE = 1024;           // slots for those, a power of 2: few of them meet
 
 // Room for the steps of one point after the other.
 struct StepBuffers {
