@@ -71,7 +71,8 @@ def read_beside(
 
 def _tiles_at(own: Path, low: Floats, high: Floats) -> Iterator[Path]:
     """Yield the other LAS files of the folder whose boxes touch this one, in units of the file."""
-    from lidar_outlier_filter.files.las_header import read_box  # laspy is no part of every install
+    # It needs laspy, which is no part of every installation.
+    from lidar_outlier_filter.files.las_header import read_box  # noqa: PLC0415
 
     for path in sorted(own.absolute().parent.iterdir()):
         if path.suffix.lower() not in SUFFIXES or not path.is_file() or path.samefile(own):
