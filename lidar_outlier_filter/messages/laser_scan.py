@@ -21,19 +21,21 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.points.points import LONGEST_NS, SECOND
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import DATATYPES, MAX_LAYOUTS
+from lidar_outlier_filter.messages.cloud import DATATYPES
 
 ATTRIBUTES = (
     *('header', 'angle_min', 'angle_max', 'angle_increment', 'time_increment', 'scan_time'),
     *('range_min', 'range_max', 'ranges', 'intensities'),
 )
-NUMBERS = ATTRIBUTES[1:-2]
+NUMBERS = (*ATTRIBUTES[1:5], *ATTRIBUTES[6:8])  # all but scan_time, which nothing follows from
 TIME_FIELD, TIME_UNIT = 'time_ns', 'ns'  # from the stamp
 POINT = np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4'), (TIME_FIELD, 'i8')])
 BRIGHT_POINT = np.dtype([*POINT.descr, ('intensity', 'f4')])
 TURN_RAD = 2.0 * math.pi
 # Drivers that round, or count an angle more or less, are off by so much.
 MAX_OFF_SHARE, MAX_OFF_ANGLES = 0.01, 2
+MAX_SHOTS = 100_000  # of a turn: 0.0036 degrees apart
+MAX_KEPT = 8  # directions of scans of one kind
 
 
 class ScanCloud(SimpleNamespace):
@@ -121,6 +123,8 @@ def _refuse_numbers(scan: Any) -> None:
 def _refuse_angles(scan: Any) -> None:
     """Refuse angles that are not those of the ranges; to the right they count down."""
     count, first, last = len(scan.ranges), scan.angle_min, scan.angle_max
+    if count > MAX_SHOTS:
+        raise CloudError('the ranges of a scan', f'of at most {MAX_SHOTS} shots', count)
     if max(abs(first), abs(last)) > TURN_RAD * (1 + MAX_OFF_SHARE):
         got = f'{first:g} and {last:g} rad'
         raise CloudError('angle_min and angle_max of a scan', 'within a turn of 0', got)
@@ -136,7 +140,7 @@ def _refuse_angles(scan: Any) -> None:
         raise CloudError('the ranges of a scan', must_be, count)
 
 
-@lru_cache(maxsize=MAX_LAYOUTS)
+@lru_cache(maxsize=MAX_KEPT)
 def _directions(first: float, step: float, count: int) -> tuple[Floats, Floats]:
     """Return cosine and sine of each angle, by the functions of laser_geometry."""
     angles = [first + k * step for k in range(count)]

@@ -150,10 +150,13 @@ class _Nothing(Chain):
 
 
 def _choose(source: Recording, topic: str | None) -> Topic:
-    """Find the topic of clouds that is named, or the only one that is not an output."""
-    names = cloud_topics(source)
+    """Find the topic of clouds that is named, or the only one that is not an output.
+
+    Scans are taken where they are named, or where there are no clouds.
+    """
+    clouds, names = cloud_topics(source), cloud_topics(source, scans=True)
     outputs = {output for name in names for output in output_topics(name)}
-    inputs = [name for name in names if name not in outputs]
+    inputs = [name for name in clouds or names if name not in outputs]
     if topic is None and len(inputs) == 1:
         return names[inputs[0]]
     if topic is None or topic not in names:

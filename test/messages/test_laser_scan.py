@@ -168,6 +168,7 @@ BROKEN = [
         {'intensities': SCANNER.scan(0).intensities[:-1]},
         'intensities of a scan must be one for each of',
     ),
+    ({'ranges': [1.0] * 100_001}, 'the ranges of a scan must be of at most 100000 shots'),
     ({'angle_min': math.nan}, 'angle_min of a scan must be finite, got nan'),
     ({'angle_min': 1e30}, 'angle_min and angle_max of a scan must be within a turn'),
     ({'angle_increment': 0.0}, 'angle_increment of a scan must be not 0, and 541 ranges'),
@@ -206,7 +207,7 @@ def test_what_scanners_do_say_is_not() -> None:
     }
     for values in (
         {'time_increment': 0.0},
-        {'range_max': math.inf},
+        {'range_max': math.inf, 'scan_time': math.nan},
         {'ranges': SCANNER.scan(0).ranges[:0], 'intensities': SCANNER.scan(0).intensities[:0]},
         {'angle_max': SCANNER.scan(0).angle_max + SCANNER.scan(0).angle_increment},
         back,

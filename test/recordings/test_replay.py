@@ -189,7 +189,7 @@ def test_what_cannot_be_replayed(tmp_path: Path) -> None:
     clouds = write_drive(tmp_path / 'none', [], ())
     out, wrong = tmp_path / 'out', {'alpha_beta_gamma.before': -1}
     for error, sentence, arguments in (
-        (RecordingError, r'PointCloud2, got /text \(std_msgs/msg/String\), /door', (clouds, out)),
+        (RecordingError, r'LaserScan, got /text \(std_msgs/msg/String\), /door', (clouds, out)),
         (RecordingError, "one of /lidar, /lidar/cleaned, got '/text'", (source, out, ['/text'])),
         (RecordingError, 'output topic of /lidar must be new', (source, out)),
         (ParameterError, r'alpha_beta_gamma\.before must be', (source, out, ['/lidar'], wrong)),

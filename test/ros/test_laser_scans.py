@@ -13,8 +13,10 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan, MultiEchoLaserScan
 
 from lidar_outlier_filter import CloudFilter
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import MULTI_ECHO, SCAN
 from lidar_outlier_filter.recordings.info import describe_recording
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 
 SCANNER = Scanner()
@@ -61,6 +63,7 @@ def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
     assert [list(both) for both in zip(cleaned, outliers, strict=True)] == expected
     (info,) = describe_recording(tmp_path / 'drive').clouds.values()
     assert info.fields == ('ranges float32', 'intensities float32')
+    assert len(list(RecordedClouds(tmp_path / 'drive', FilterParameters()))) == SCANS
 
     parameters = {'input_type': kind.__name__, 'max_delay': 60.0}
     node = ros.filter('-r', 'points:=/scan', parameters=parameters)
