@@ -23,11 +23,9 @@ from lidar_outlier_filter.core.points.points import LONGEST_NS, SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import DATATYPES
 
-ATTRIBUTES = (
-    *('header', 'angle_min', 'angle_max', 'angle_increment', 'time_increment', 'scan_time'),
-    *('range_min', 'range_max', 'ranges', 'intensities'),
-)
-NUMBERS = (*ATTRIBUTES[1:5], *ATTRIBUTES[6:8])  # all but scan_time, which nothing follows from
+ANGLES = ('angle_min', 'angle_max', 'angle_increment')
+NUMBERS = (*ANGLES, 'time_increment', 'range_min', 'range_max')  # nothing follows from scan_time
+ATTRIBUTES = ('header', *NUMBERS, 'ranges', 'intensities')
 TIME_FIELD, TIME_UNIT = 'time_ns', 'ns'  # from the stamp
 POINT = np.dtype([('x', 'f4'), ('y', 'f4'), ('z', 'f4'), (TIME_FIELD, 'i8')])
 BRIGHT_POINT = np.dtype([*POINT.descr, ('intensity', 'f4')])
