@@ -24,6 +24,7 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.messages.laser_scan import as_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.motion import Odometry
 from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
@@ -232,11 +233,19 @@ def test_parameters_that_clouds_have() -> None:
 
 
 # Of the page: scans per second, shots and degrees between them; parameters.
-ROWS = {
-    '15 to 50 scans/s, 0.25° to 0.5°': ([(15, 541, 0.5), (25, 1081, 0.25), (50, 541, 0.5)], {}),
-    '10 scans/s, 0.25° to 1°': ([(10, 361, 1.0), (10, 721, 0.5), (10, 1081, 0.25)], {}),
-    '5 scans/s, 1°': ([(5, 361, 1.0)], {}),
-    '5 scans/s, 1°, `block: 0.4`, `halo: 0.2`': ([(5, 361, 1.0)], {'block': 0.4, 'halo': 0.2}),
+FAST = [(15, 541, 0.5), (25, 1081, 0.25), (50, 541, 0.5)]
+SLOWER = [(10, 361, 1.0), (10, 721, 0.5), (10, 1081, 0.25)]
+CONFIG = read_yaml(ROOT / 'config' / 'laser_scan.yaml')
+ROWS: dict[str, tuple[list[tuple[int, int, float]], dict[str, Any]]] = {
+    '15 to 50 scans/s, 0.25° to 0.5° | the default': (FAST, {}),
+    '15 to 50 scans/s, 0.25° to 0.5° | `config/laser_scan.yaml`': (FAST, CONFIG),
+    '10 scans/s, 0.25° to 1° | the default': (SLOWER, {}),
+    '10 scans/s, 0.25° to 1° | `config/laser_scan.yaml`': (SLOWER, CONFIG),
+    '5 scans/s, 1° | the default': ([(5, 361, 1.0)], {}),
+    '5 scans/s, 1° | `config/laser_scan.yaml`, `halo: 0.4`': (
+        [(5, 361, 1.0)],
+        CONFIG | {'halo': 0.4},
+    ),
 }
 
 

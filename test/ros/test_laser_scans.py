@@ -34,13 +34,16 @@ def broken(make: Any) -> bytes:
     return bytes(serialize_message(msg))
 
 
-@pytest.mark.parametrize('name', KINDS)
-def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ('name', 'parameters'),
+    [(SCAN, {}), (SCAN, {'blocks': 'message', 'halo': 0.1}), (MULTI_ECHO, {})],
+)
+def test_equal_bytes(ros: Ros, tmp_path: Path, name: str, parameters: dict[str, Any]) -> None:
     """A broken scan and a broken message among them are refused and counted, by each."""
     kind, make = KINDS[name]
     sent = [bytes(serialize_message(make(number))) for number in range(SCANS)]
     sent[BROKEN:BROKEN] = [broken(make), NO_CLOUD]
-    library = CloudFilter()
+    library = CloudFilter(parameters)
     outputs = [one for number in range(SCANS) for one in library.push(make(number))]
     outputs += library.flush()
     expected = [
@@ -53,7 +56,7 @@ def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
         {'/scan': name},
         [('/scan', number * 10**9 // SCANNER.rate, data) for number, data in enumerate(sent)],
     )
-    (report,) = replay(tmp_path / 'drive', tmp_path / 'out').topics
+    (report,) = replay(tmp_path / 'drive', tmp_path / 'out', parameters=parameters).topics
     assert (report.messages, report.refused) == (SCANS + 2, 2)
     found = content(tmp_path / 'out')
     assert [data for _, data in found['/scan']] == sent
@@ -65,8 +68,8 @@ def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
     assert info.fields == ('ranges float32', 'intensities float32')
     assert len(list(RecordedClouds(tmp_path / 'drive', FilterParameters()))) == SCANS
 
-    parameters = {'input_type': kind.__name__, 'max_delay': 60.0}
-    node = ros.filter('-r', 'points:=/scan', parameters=parameters)
+    live = parameters | {'input_type': kind.__name__, 'max_delay': 60.0}
+    node = ros.filter('-r', 'points:=/scan', parameters=live)
     node.start()
     sensor = Sensor(ros, '/scan', kind, published=kind)
     sensor.wait_for_filter(node)
@@ -78,8 +81,8 @@ def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
     node.finish()
     sensor.wait_for_outputs()
     assert channel.statistics.refused == 2
-    live = [
+    received = [
         [bytes(serialize_message(part)) for part in both]
         for both in zip(sensor.cleaned, sensor.outliers, strict=True)
     ]
-    assert live == expected
+    assert received == expected
