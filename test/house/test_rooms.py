@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 from collections import defaultdict
 from functools import cache
@@ -265,3 +266,31 @@ def test_programs_end_with_their_call() -> None:
         calls = [one for one in body if ast.unparse(one).startswith("if __name__ == '__main__'")]
         early += [module.name for one in calls if one is not body[-1]]
     assert not early
+
+
+# What a plain `pip install .` has not, and the modules that cannot be imported without it.
+EXTRAS = ('argcomplete', 'dask', 'distributed', 'fsspec', 'laspy', 'lzf', 'matplotlib', 'PIL')
+EXTRAS += ('psutil', 'pyarrow', 'pye57', 'pyproj', 'sklearn')
+NEED_EXTRAS = {
+    *('evaluation.plots', 'files.e57', 'files.las', 'files.las_header', 'files.parquet'),
+    *('files.pcd', 'report.figures'),
+}
+IMPORT_ALL = f"""
+import importlib, pkgutil, sys
+import {PACKAGE}
+
+sys.modules |= dict.fromkeys({EXTRAS})
+for module in pkgutil.walk_packages({PACKAGE}.__path__, '{PACKAGE}.'):
+    try:
+        importlib.import_module(module.name)
+    except ModuleNotFoundError:
+        print(module.name)
+"""
+
+
+def test_extras_are_needed_where_they_are_used() -> None:
+    """A command that reads no LAS runs without laspy: no other module cannot be imported."""
+    told = subprocess.run(
+        [sys.executable, '-c', IMPORT_ALL], capture_output=True, text=True, check=True
+    )
+    assert set(told.stdout.split()) == {f'{PACKAGE}.{name}' for name in NEED_EXTRAS}

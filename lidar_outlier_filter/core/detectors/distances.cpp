@@ -1,7 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Sums of distances, see sor.py and lof.py. Naive twins: test/naive/sor.py, test/naive/lof.py.
+// Sums of distances. SOR, see sor.py, takes the mean distance to the k nearest; LOF, see lof.py,
+// the local reachability density, with d(p, o) a distance and k(o) that of o to its k-th neighbour:
+//
+//     lrd(p) = |N(p)| ÷ Σ max(k(o), d(p, o)) over o in N(p).
+//
+// Naive twins: test/naive/sor.py, test/naive/lof.py.
 
 #include "distances.hpp"
 

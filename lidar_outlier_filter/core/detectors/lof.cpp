@@ -1,7 +1,12 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Lists of neighbours and ratios of densities, see lof.py. Naive twin: test/naive/lof.py.
+// The local outlier factor (Breunig et al. 2000), see lof.py: with N(p) the k-neighbourhood of p
+// and lrd the local reachability density, which distances.cpp writes,
+//
+//     LOF(p) = Σ lrd(o) over o in N(p) ÷ |N(p)| ÷ lrd(p).
+//
+// Naive twin: test/naive/lof.py.
 
 #include <algorithm>
 

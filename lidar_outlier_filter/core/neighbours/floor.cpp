@@ -32,8 +32,8 @@ std::tuple<Owned<Index>, Owned<double>> column_runs(View<const double, 2> xyz,
     return {Owned<Index>(std::move(column)), Owned<double>(std::move(low))};
 }
 
-// Writes the floors of wide columns: the lower quartile of the lowest points of the columns in
-// WINDOW by WINDOW around, and how far it is below the upper. `column` ascends.
+// Writes the floors of wide columns, metres: the lower quartile of the lowest z of the WINDOW by
+// WINDOW columns around, and the upper quartile less the lower one. `column` ascends.
 void write_floor(View<const Index> wide, View<const Index> column, View<const double> lowest,
                  Index begin, Index end, View<double, 2> floor) {
     using LEVEL::ROW_STEP, LEVEL::WIDER, LEVEL::WINDOW;

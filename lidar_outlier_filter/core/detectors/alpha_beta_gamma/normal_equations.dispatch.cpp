@@ -1,12 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// The normal equations of (14), summed and solved: see normal_equations.py.
+// The normal equations of (14) in Leslar (2010), summed and solved: see normal_equations.py.
 //
 // Formulas: with u the time from the tested point, in shots, and w the weight of another point of
-// its window, s_i = Σ w uⁱ (i to 4) and, for each coordinate, b_i = Σ w uⁱ d (i to 2), d the
-// difference to the tested one. With c the first row of adj N, the statistic (17) is
-// -(c · b) ÷ (det N √(1/w_k + c_0 ÷ det N)). Twins: kalman.py, test/naive/alpha_beta_gamma.py.
+// its window, s_i = Σ w uⁱ (i to 4), N_ij = s_(i+j), and, for each coordinate, b_i = Σ w uⁱ d
+// (i to 2), d the coordinate of the other less that of the tested one. With c the first row of
+// adj N and w_k the weight of the tested point, the statistic (17), but for a σ that is common to
+// the line, is -(c · b) ÷ (det N √(1/w_k + c_0 ÷ det N)).
+// Naive twin: predict() in test/naive/alpha_beta_gamma.py.
 
 #include <algorithm>
 #include <array>

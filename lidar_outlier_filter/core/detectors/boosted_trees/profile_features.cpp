@@ -52,8 +52,8 @@ Index check_groups(const Segments& segments, View<const std::int32_t> group) {
     return highest + 1;
 }
 
-// Segments that are joined: another one of each one's group, the root of itself; what is tied to
-// a surface.
+// Segments that are joined to groups, by union-find: the root of each leads to a segment of its
+// group, and in the end to one that is its own root; a group may be tied to a surface.
 class Joined {
 public:
     explicit Joined(Index segments)

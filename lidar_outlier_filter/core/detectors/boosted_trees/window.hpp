@@ -1,10 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// The window of a spinning sensor's point, the returns around it in the scan pattern: the five
-// before and after it in its ring, and seven around its azimuth in each of the 2 rings above and
-// 2 below. Returns that are too far in angle do not count. WIDTH points side by side; what is
-// summed up of their windows stays in registers. Textbook twin: test/naive/scan_pattern.py.
+// The window of a point, the returns around it in the scan pattern: the five before and after it in
+// its ring, and seven around its azimuth in each of the 2 rings above and 2 below. Returns farther
+// in azimuth than REACH_OWN or REACH_OTHER steps do not count. WIDTH points side by side; what is
+// summed up of their windows stays in registers. Naive twin: window() in
+// test/naive/scan_pattern.py.
 #pragma once
 
 #include <cstdint>
@@ -154,7 +155,7 @@ struct Sums {
 struct Points {
     Singles x, y, z, range;
     DoublePair phase;
-    Singles same, closer;  // as far apart in range as is the same, and less that
+    Singles same, closer;  // the largest difference of range that is none, metres; less that
     Singles dense_square, sparse_square;
 
     Points(const Rows& rows, const Line& line, const Places& places)
@@ -277,7 +278,7 @@ struct Gatherer {
                 }
             }
             const Singles square = add<ALL>(sums.own, places, OFF, SLOT, good);
-            // The roughness of those beside it is its own.
+            // That of those at ±1 is left out: it is computed from this very point.
             if constexpr (OFF == -1) {
                 sums.square_before = square;
             } else if constexpr (OFF == 1) {

@@ -25,7 +25,7 @@ struct Rules {
 
 inline constexpr Index MIN_POINTS = 12;  // of a surface
 
-// RIM times the points of the largest core: the most on a rim; of more every so-manieth counts.
+// A rim has at most RIM times the points of the largest core; of a fuller one every n-th is used.
 inline constexpr Index RIM = 3;
 
 void sort_leaves(View<const double, 2> xyz, const Tree& tree, View<const Index> these,

@@ -29,7 +29,7 @@ struct Spread {  // Σ v²/σ² and its degrees of freedom: σ̂0² is their rat
     Index freedom;
 };
 
-// Returns it of the kept points.
+// Returns Σ (v ÷ σ)² of the kept points, and its degrees of freedom.
 //
 // If the first surface limits this one, the ratio is 1 to TIGHT² times the first's.
 Spread find_spread(Window& window, int size, const Growth& growth) {
