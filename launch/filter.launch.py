@@ -42,8 +42,8 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
         default_value='points',
-        description='Topic of the sensor, of clouds or scans; published as its /cleaned and '
-        '/outliers. Several, with commas between: one process serves them all.',
+        description='Topic of the sensor, clouds or scans; its /cleaned and /outliers follow. '
+        'Several, with commas between: one process serves them all.',
     ),
     DeclareLaunchArgument(
         'sensor',

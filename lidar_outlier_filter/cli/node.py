@@ -27,7 +27,7 @@ DESCRIPTION = """\
 Split each cloud of a lidar into a cleaned and an outlier cloud, until SIGINT or SIGTERM.
 
 topics:
-  points           the input; -r renames it, input_type tells scans of 2-D scanners from clouds
+  points           clouds, or by input_type 2-D scans, the input; -r renames it
   points/cleaned   kept points, including missing returns
   points/outliers  rejected points
   /diagnostics     once a second, one status for each input
