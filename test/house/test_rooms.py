@@ -269,8 +269,10 @@ def test_programs_end_with_their_call() -> None:
 
 
 # What a plain `pip install .` has not, and the modules that cannot be imported without it.
-EXTRAS = ('argcomplete', 'dask', 'distributed', 'fsspec', 'laspy', 'lzf', 'matplotlib', 'PIL')
-EXTRAS += ('psutil', 'pyarrow', 'pye57', 'pyproj', 'sklearn')
+EXTRAS = (
+    *('argcomplete', 'dask', 'distributed', 'fsspec', 'laspy', 'lzf', 'matplotlib', 'PIL'),
+    *('psutil', 'pyarrow', 'pye57', 'pyproj', 'sklearn'),
+)
 NEED_EXTRAS = {
     *('evaluation.plots', 'files.e57', 'files.las', 'files.las_header', 'files.parquet'),
     *('files.pcd', 'report.figures'),
