@@ -190,17 +190,11 @@ WAYS: dict[str, dict[str, object]] = {
         'mixed_pixels.threshold': 0.8,
     },
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
-}
-LONG: dict[str, dict[str, object]] = {
     'quadric': {'chain': ['quadric']},
     'patches': {'chain': ['quadric'], 'quadric.window': 'patch', 'quadric.significance': 1e-3},
     'quadric in a chain': {'chain': ['alpha_beta_gamma', 'quadric', 'lof', 'sor']},
     'quadric votes': {'chain': ['alpha_beta_gamma', 'quadric', 'lof'], 'vote': 2},
-}  # their kernels compile for a minute
-every_way = pytest.mark.parametrize(
-    'way', [*WAYS, *(pytest.param(way, marks=pytest.mark.slow) for way in LONG)]
-)
-WAYS |= LONG
+}
 
 
 def scene(way: str, seed: int, shots: int) -> Rows:
@@ -221,7 +215,7 @@ def scene(way: str, seed: int, shots: int) -> Rows:
     return rows
 
 
-@every_way
+@pytest.mark.parametrize('way', WAYS)
 def test_chunk_invariance(way: str) -> None:
     """Cut into messages in any way, the same points get the same verdicts, bit for bit."""
     rows = scene(way, seed=10, shots=600)

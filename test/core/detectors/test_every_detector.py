@@ -29,10 +29,7 @@ LISTS: dict[str, Lof | Sor] = {  # those that score by lists of neighbours
     'range': Sor(k=12, range_scaled=True),
 }
 DETECTORS = (*LISTS, 'elevation', 'ground', 'hierarchical')
-SURFACES = (  # slow: the kernels compile for a minute
-    pytest.param('section', marks=pytest.mark.slow),
-    pytest.param('patch', marks=pytest.mark.slow),
-)
+SURFACES = ('section', 'patch')
 
 
 def detect(name: str, xyz: Floats, threads: int = 0, longer: int = 0) -> Floats:

@@ -20,12 +20,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'boosted_trees')
 EVERY = ('alpha_beta_gamma', *SPATIAL)
-QUICK = ('alpha_beta_gamma', *SPATIAL[1:])  # without quadric, whose kernels compile for a minute
-
-
-def slow(*values: object) -> Any:
-    """Mark values of a test's parameters as slow."""
-    return pytest.param(*values, marks=pytest.mark.slow)
+LATER = ('alpha_beta_gamma', *SPATIAL[1:])  # without quadric, whose sections change with the tree
 
 
 def parameters(*chain: str, **values: object) -> FilterParameters:
@@ -43,7 +38,7 @@ def judge(points: Points, *chain: str, **values: object) -> Verdict:
     return Chain(parameters(*chain, **values)).judge(points)
 
 
-@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
+@pytest.mark.parametrize('name', EVERY)
 def test_one_detector(name: str) -> None:
     """Its bit is set where its score is above 1, and nowhere else; it finds something."""
     verdict = judge(road(), name)
@@ -56,7 +51,7 @@ def test_one_detector(name: str) -> None:
 
 # Sections are those of the tree, which loses points but is not built anew: quadric comes before
 # the other spatial ones.
-@pytest.mark.parametrize('chain', [QUICK, QUICK[::-1], slow(EVERY), ('sor', 'lof')])
+@pytest.mark.parametrize('chain', [LATER[::-1], EVERY, ('sor', 'lof')])
 def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
     """The chain is its detectors one after the other, each called anew on what is left."""
     points = road(1)
@@ -74,14 +69,12 @@ def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
     assert len(set(verdict.detectors.tolist())) > 2
 
 
-@pytest.mark.parametrize(
-    ('vote', 'chain'), [(1, QUICK), (2, QUICK), (3, QUICK), slow(2, EVERY), slow(4, EVERY)]
-)
-def test_vote(vote: int, chain: tuple[str, ...]) -> None:
+@pytest.mark.parametrize('vote', [1, 2, 3, 4])
+def test_vote(vote: int) -> None:
     """Every detector sees all points; as many as the vote must agree."""
     points = road(2)
-    verdict = judge(points, *chain, vote=vote)
-    alone = [judge(points, name) for name in chain]
+    verdict = judge(points, *EVERY, vote=vote)
+    alone = [judge(points, name) for name in EVERY]
     count = np.sum([each.rejected for each in alone], axis=0)
     np.testing.assert_array_equal(verdict.rejected, count >= vote)
     np.testing.assert_array_equal(verdict.detectors, sum(each.detectors for each in alone))
@@ -91,7 +84,7 @@ def test_vote(vote: int, chain: tuple[str, ...]) -> None:
     assert 0 < np.count_nonzero(verdict.rejected) < np.count_nonzero(count) or vote == 1
 
 
-@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, slow(15)])
+@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, 15])
 def test_too_few_points(count: int) -> None:
     """Untestable points are kept, and noted for each detector that tried."""
     verdict = judge(road(3).take(slice(0, count)), *SPATIAL)
@@ -132,8 +125,8 @@ def test_the_second_phase_has_no_vote() -> None:
 @pytest.mark.parametrize(
     ('name', 'extra'),
     [
-        slow('quadric', {'quadric.window': 'patch', 'quadric.significance': 1e-3}),
-        slow(
+        ('quadric', {'quadric.window': 'patch', 'quadric.significance': 1e-3}),
+        (
             'quadric',
             {'quadric.surfaces': 1, 'quadric.significance': 1e-3},
         ),
@@ -171,7 +164,7 @@ def test_scores_beside_one(score: float, is_rejected: bool) -> None:  # noqa: FB
     assert (verdict.detectors[0] == BITS['sor']) == is_rejected
 
 
-@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
+@pytest.mark.parametrize('name', EVERY)
 def test_whatever_a_cloud_may_hold(name: str) -> None:
     """Nothing that is let in makes a detector raise or warn, however odd it is."""
     rng = np.random.default_rng(5)
