@@ -274,6 +274,7 @@ def describe_groups(pattern: Pattern, segments: Segments, group: Index) -> Singl
 def write_groups(
     pattern: Pattern, segments: Segments, group: Index, described: Singles, out: Singles
 ) -> None: ...
+def write_heights(pattern: Pattern, around: Floor, begin: int, end: int, out: Singles) -> None: ...
 def judge_pattern(
     prepared: Prepared,
     first: FirstPass,

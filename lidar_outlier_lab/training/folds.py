@@ -51,7 +51,10 @@ class TrainingScene(Protocol):
         ...
 
     def table(self, odds: Any) -> tuple[Ints, Callable[[Ints], Singles]]:
-        """Return the causes (P,) of points that may train a pass, and the features of some."""
+        """Return the causes (P,) of points that may train a pass, and the features of some.
+
+        Codes below 0 are of good points of a kind that counts more than its share.
+        """
         ...
 
     def judge(self, trees: Trees, odds: Any) -> Any:
@@ -73,6 +76,7 @@ class SceneRecipe(NamedTuple):
     rounds : trees of an ensemble
     good, bad : points of a scene that are drawn, and of each cause
     good_counts : how much good points count
+    rare_counts : how much those of a kind count whose code is below 0
     bad_counts : how much outliers of a cause count; 1 for others
     neither : causes that train neither as good nor as bad, and are not counted
     limits : log-odds tried as thresholds
@@ -92,6 +96,7 @@ class SceneRecipe(NamedTuple):
     most_lost: float
     doubtful: float
     bad_counts: Mapping[Cause, float] = {}
+    rare_counts: float = 0.0
     neither: Collection[Cause] = ()
     fold: Callable[[int], int] = lambda number: number % FOLDS
 
@@ -182,12 +187,14 @@ def _draw(
     rows, weights = [np.empty(0, np.int64)], [np.empty(0)]
     for cause in np.setdiff1d(code, list(recipe.neither)).tolist():
         every = np.flatnonzero(code == cause)
-        most = recipe.bad[again] if cause else recipe.good[again]
+        most = recipe.good[again] if cause == Cause.GOOD else recipe.bad[again]
         some = rng.choice(every, min(most, len(every)), replace=False)
         share = len(every) / scene.total
         counts = recipe.good_counts * share
-        if cause:
+        if cause > 0:
             counts = recipe.bad_counts.get(Cause(cause), 1.0) * np.sqrt(share)
+        elif cause < 0:
+            counts = max(counts, recipe.rare_counts * np.sqrt(share))
         rows.append(some)
         weights.append(np.full(len(some), counts / max(len(some), 1)))
     row = np.concatenate(rows)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Ints, Progress, Singles
+from lidar_outlier_filter.core.annotations import Bools, Ints, Progress, Rows, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
@@ -19,14 +19,16 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODE
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
-from lidar_outlier_lab.simulation.world.drive import Drive, simulate
+from lidar_outlier_lab.simulation.world.drive import Drive, join, second_echoes, simulate
 from lidar_outlier_lab.training.folds import SceneRecipe
 from lidar_outlier_lab.training.learner import judge_pass, window_features
 
-STREETS = 64
+STREETS = 96
+# Good points that are few, or look like outliers, count more than their share.
+THIN = (Kind.WIRE, Kind.FENCE, Kind.FOLIAGE, Kind.POLE, Kind.SIGN, Kind.TERRAIN)
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 MEASURED = [*WINDOW].index('bright')  # features of the window: these scanners need no intensities
 NAMES = (*[*WINDOW][:MEASURED], *PROFILE)
@@ -38,10 +40,11 @@ RECIPE = SceneRecipe(
     good=(4000, 8000),
     bad=(400, 1000),
     good_counts=5.0,
+    rare_counts=0.5,
     limits=np.arange(0, 61) / 10.0,
-    most_lost=2.5e-5,
+    most_lost=2e-4,
     doubtful=-1.0,
-    bad_counts={Cause.MIXED: 0.5, Cause.BARRIER: 2.0},
+    bad_counts={Cause.MIXED: 0.5, Cause.BARRIER: 3.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
 )
 
 
@@ -62,7 +65,8 @@ class _Block(NamedTuple):
 class Street:
     """Points of a drive, in order of their times, and why each is where it is.
 
-    ``code`` is of :class:`Cause`, of all points; ``odds`` are a list, of the points of each block.
+    ``code`` is of :class:`Cause`, of all points, or below 0 of a good point of a ``THIN`` kind;
+    ``odds`` are a list, of the points of each block.
     """
 
     name: str
@@ -82,7 +86,7 @@ class Street:
     @cached_property
     def cause(self) -> Ints:
         """Causes of the points that blocks judge."""
-        return np.concatenate([code[own] for own, code in self._judged])
+        return np.maximum(np.concatenate([code[own] for own, code in self._judged]), Cause.GOOD)
 
     @cached_property
     def _judged(self) -> list[tuple[Bools, Ints]]:
@@ -138,16 +142,27 @@ def make_streets(progress: Progress = lambda _done, _total, _what: None) -> list
     found = []
     for seed in range(STREETS):
         progress(seed, STREETS, f'street {seed + 1} of {STREETS}')
-        found.append(measured(f'profile street {seed}', training_street(seed)))
+        found.append(measured(f'profile street {seed}', *training_street(seed)))
     return found
 
 
-def measured(name: str, drive: Drive) -> Street:
+def measured(name: str, drive: Drive, echoes: int = 1) -> Street:
     """Simulate a drive whose scanner numbers its lines."""
-    parts = list(simulate(drive))
-    shot = np.concatenate([returns.shot for _, returns in parts])
-    points = np.concatenate([returns.points for _, returns in parts])
-    xyz = np.stack([points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
-    line = points['line'].astype(np.int64)
-    seen = Points(xyz, shot * drive.sensor.interval, line, np.ones(len(shot), np.bool_))
-    return Street(name, seen, points['label'].astype(np.int64))
+    points, rows = measured_rows(drive, echoes)
+    code, kind = rows['label'].astype(np.int64), rows['surface'].astype(np.int64)
+    return Street(name, points, np.where((code == 0) & np.isin(kind, THIN), -kind, code))
+
+
+def measured_rows(drive: Drive, echoes: int = 1) -> tuple[Points, Rows]:
+    """Simulate a drive whose scanner numbers its lines, with one or two echoes of a shot.
+
+    Returns points in order of their times, and all that the simulator says of each.
+    """
+    first = join([returns for _, returns in simulate(drive)])
+    every = join([first, second_echoes(drive, first.shot)]) if echoes > 1 else first
+    every = every.take(np.argsort(every.shot, kind='stable'))
+    rows = every.points
+    xyz = np.stack([rows[axis] for axis in 'xyz'], axis=1).astype(np.float64)
+    there = np.ones(len(rows), np.bool_)
+    line = rows['line'].astype(np.int64)
+    return Points(xyz, every.shot * drive.sensor.interval, line, there), rows

@@ -104,7 +104,12 @@ STREET_ROWS = {
     '… mixed pixels': 'mixed',
 }
 FOUND = {  # on streets left out of the training
-    'reflections': 'reflection',
+    'reflections, and images below a wet road': 'reflection',
+    'images behind glass': 'ghost',
+    'noise of the sun': 'single',
+    'dust': 'dust',
+    'spray': 'spray',
+    'birds': 'bird',
     'snow': 'snow',
     'rain': 'rain',
     'exhaust': 'exhaust',

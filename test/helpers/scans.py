@@ -9,7 +9,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import measure
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_of_block
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
@@ -151,7 +151,7 @@ def profile_pattern_of(points: Points) -> Pattern:
 def prepared(pattern: Pattern) -> Prepared:
     """Return the pattern with what its windows share."""
     found = prepare(pattern)
-    return found._replace(groups=find_groups(pattern, found.near))
+    return found._replace(of_block=find_of_block(pattern, found.near))
 
 
 def road(seed: int, lines: int = 20, shots: int = 40, strays: float = 0.02) -> tuple[Points, Bools]:

@@ -42,23 +42,41 @@ def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
 
 def depths(xyz: list[Position], typical: float) -> list[tuple[float, float]]:
     """Return how far each point is below the floor of its wide column, and ÷ how steep that is."""
+    side, found = 2.0 * typical, []
+    for (low, high), (_, _, z) in zip(_floors(xyz, xyz, side), xyz, strict=True):
+        deep, steep = (low - z) / side, (low - z) / (high - low + side)
+        found.append((min(max(deep, -FAR), FAR), min(max(steep, -FAR), FAR)))
+    return found
+
+
+def heights(xyz: list[Position], some: list[Position], side: float) -> list[float]:
+    """Return how high points are above the floor of some of them, in columns of a side."""
+    floors = _floors(xyz, some, side)
+    return [z - low for (_, _, z), (low, _) in zip(xyz, floors, strict=True)]
+
+
+def _floors(xyz: list[Position], some: list[Position], side: float) -> list[tuple[float, float]]:
+    """Return the quartiles of the lowest points of the columns around each point."""
     lowest: dict[tuple[int, int], float] = {}
-    side = 2.0 * typical
-    left, front = min(x for x, _, _ in xyz), min(y for _, y, _ in xyz)
-    columns = [(int((x - left) / side), int((y - front) / side)) for x, y, _ in xyz]
-    for column, (_, _, z) in zip(columns, xyz, strict=True):
-        lowest[column] = min(z, lowest.get(column, z))
+    left, front = min(x for x, _, _ in some), min(y for _, y, _ in some)
+
+    def column(point: Position) -> tuple[int, int]:
+        return int(max(point[0] - left, 0.0) / side), int(max(point[1] - front, 0.0) / side)
+
+    for point in some:
+        lowest[column(point)] = min(point[2], lowest.get(column(point), point[2]))
+    wide = sorted({(a // 5, b // 5) for a, b in lowest})
     found = []
-    for (i, j), (_, _, z) in zip(columns, xyz, strict=True):
+    for i, j in map(column, xyz):
+        # Where there are none of these points, the next wide column counts.
+        first = next((one for one in wide if one >= (i // 5, j // 5)), wide[-1])
         around = sorted(
             low
             for (a, b), low in lowest.items()
-            if abs(a // 5 - i // 5) <= 1 and abs(b // 5 - j // 5) <= 1
+            if abs(a // 5 - first[0]) <= 1 and abs(b // 5 - first[1]) <= 1
         )
         last = len(around) - 1
-        low, high = around[last // 4], around[3 * last // 4]
-        deep, steep = (low - z) / side, (low - z) / (high - low + side)
-        found.append((min(max(deep, -FAR), FAR), min(max(steep, -FAR), FAR)))
+        found.append((around[last // 4], around[3 * last // 4]))
     return found
 
 

@@ -17,6 +17,8 @@ NEAREST = 8  # other rejected points
 # Typical thickness ÷ extent of rejected neighbours. In simulated snow, fog, dust and spray it was
 # 0.24 and more, also where 58 % of the points were fog; of surfaces 0.001.
 MAX_FLATNESS = 0.05
+# Thickness ÷ extent of a cloud in one plane, as a profile scanner's in its own frame: 1e-4.
+MAX_THICKNESS = 0.005
 # Share of a file or topic that the default detector may reject unasked. Of labelled clouds up to
 # 10 % were outliers; methods that do not fit a file rejected half of it, and more.
 MAX_REJECTED_SHARE = 0.15
@@ -47,6 +49,13 @@ def rejects_surfaces(xyz: Floats, rejected: Bools, threads: int = 0) -> bool:
     squares = np.linalg.eigvalsh(np.einsum('ski,skj->sij', about, about))
     extent = np.maximum(squares.sum(axis=1), np.finfo(float).tiny)
     return bool(np.median(np.maximum(squares[:, 0], 0.0) / extent) < MAX_FLATNESS**2)
+
+
+def is_in_one_plane(xyz: Floats) -> bool:
+    """Return whether all points (N, 3) lie in a plane: then what is rejected does, too."""
+    some = xyz[:: max(len(xyz) // SAMPLE, 1)]
+    least, *others = np.linalg.eigvalsh(np.cov(some, rowvar=False)).tolist()
+    return bool(least < MAX_THICKNESS**2 * sum(others))
 
 
 def check_share(

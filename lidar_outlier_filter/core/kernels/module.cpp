@@ -235,6 +235,7 @@ void bind_pattern_trees(py::module_& m) {
     m.def("join_segments", &join_segments, WithoutGil());
     m.def("describe_groups", &describe_groups, WithoutGil());
     m.def("write_groups", &write_groups, WithoutGil());
+    m.def("write_heights", &write_heights, WithoutGil());
     m.def("judge_pattern", AT_LEVEL(judge_pattern), WithoutGil());
     m.def("count_scores", &count_scores, WithoutGil());
     m.def("scale_odds", &scale_odds, WithoutGil());

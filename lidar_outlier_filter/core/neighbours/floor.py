@@ -59,7 +59,7 @@ class Floor(NamedTuple):
     floor: Floats
 
 
-def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
+def measure_floor(xyz: Floats, where: Ints, threads: int = 0, side: float | None = None) -> Floor:
     """Find the floor of a whole cloud.
 
     Parameters
@@ -68,9 +68,10 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
     where : (M,) int64
         Indices of the points to use; they are finite.
     threads : maximum number of threads; 0: all cores
+    side : of a column, metres; None: by how far apart its points are
 
     """
-    typical = typical_scale(xyz, where, threads)
+    typical = typical_scale(xyz, where, threads) if side is None else side / SIDE
     side = SIDE * typical
     if len(where) == 0:
         return Floor(typical, np.zeros(2), side, np.empty(0, np.int64), np.empty((0, 2)))

@@ -6,14 +6,10 @@ Wires that sag, fences of laths and of mesh, and hedges are good points, however
 are. Water and panes mirror, the sun's light is taken for echoes, dust hangs before the window.
 """
 
-from collections.abc import Iterator
-from itertools import pairwise
-
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Triple
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.evaluation.truth import Cause, Kind
+from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.simulation.scenes.random_streets import (
     LANES,
     Town,
@@ -23,17 +19,21 @@ from lidar_outlier_lab.simulation.scenes.random_streets import (
     lay_out,
     spray,
 )
+from lidar_outlier_lab.simulation.scenes.roadside import (
+    AHEAD,
+    BEHIND,
+    hedges,
+    laths,
+    mesh,
+    telephone,
+    tramway,
+)
 from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive
 from lidar_outlier_lab.simulation.world.particles import SunNoise, ThinFall
 from lidar_outlier_lab.simulation.world.scene import (
     Air,
     Scene,
-    Surface,
     barrier_arm,
-    box,
-    crown,
-    pole,
-    tube,
 )
 from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 from lidar_outlier_lab.simulation.world.trajectory import Route
@@ -41,7 +41,6 @@ from lidar_outlier_lab.simulation.world.trajectory import Route
 STREAM = 6207  # of random numbers; the forms use it, too
 YAW = np.radians(45.0)  # of the mirror's axis: helical
 STREET_SPEED, SUBURB_SPEED, AVENUE_SPEED = 9.0, 11.0, 7.0  # metres per second
-AHEAD, BEHIND = 22.0, -10.0  # metres of the way where things stand that are worth their rays
 DUST = ThinFall(Cause.DUST, 2e-3, 0.5)  # before the window: as good as all of it within 3 m
 FENCE = 1.6  # metres that fences and hedges stand from the kerb
 
@@ -71,11 +70,11 @@ def suburb(seed: int) -> Drive:
     left, right = half + FENCE, -half - FENCE
     middle = rng.uniform(2.0, 8.0)
     things = (
-        *_hedges(BEHIND, middle, left, rng),
-        *_laths(middle + 1.0, AHEAD, left),
-        *_mesh(BEHIND, middle, right),
-        *_hedges(middle + 1.0, AHEAD, right, rng),
-        *_telephone(half + 0.7, rng),
+        *hedges(BEHIND, middle, left, rng),
+        *laths(middle + 1.0, AHEAD, left),
+        *mesh(BEHIND, middle, right),
+        *hedges(middle + 1.0, AHEAD, right, rng),
+        *telephone(half + 0.7, rng),
         *car(rng.uniform(-6.0, 4.0), LANES[1], rng, (-rng.uniform(8.0, 13.0), 0.0, 0.0)),
         *birds((rng.uniform(0.0, 8.0), rng.uniform(-3.0, 3.0)), 8, rng),
     )
@@ -97,8 +96,8 @@ def avenue(seed: int) -> Drive:
     half = rng.uniform(5.2, 6.2)
     speed, x = rng.uniform(9.0, 13.0), rng.uniform(-4.0, 6.0)
     things = (
-        *_tramway(half, rng),
-        *_mesh(BEHIND, AHEAD / 2, half + FENCE),
+        *tramway(half, rng),
+        *mesh(BEHIND, AHEAD / 2, half + FENCE),
         *car(x, LANES[1], rng, (-speed, 0.0, 0.0)),
         *car(-9.0, LANES[0], rng, (AVENUE_SPEED, 0.0, 0.0)),
     )
@@ -136,63 +135,3 @@ def _route(speed: float, rng: np.random.Generator) -> Route:
     """Drive, a little faster or slower at the end."""
     turn, end = rng.uniform(-0.05, 0.05), rng.uniform(0.8, 1.1) * speed
     return Route(((0.0, speed, 0.0), (0.6, speed, turn), (1.2, end, -turn)), _start())
-
-
-def _sagging(a: Triple, b: Triple, sag: float, radius: float) -> Iterator[Surface]:
-    """Hang a wire between two points, ``sag`` metres below their line in its middle."""
-    part = np.linspace(0.0, 1.0, 13)[:, None]
-    at = (1.0 - part) * np.array(a) + part * np.array(b)
-    at[:, 2] -= 4.0 * sag * (part * (1.0 - part))[:, 0]
-    for foot, top in pairwise(map(tuple, at.tolist())):
-        yield tube(foot, top, radius, Kind.WIRE)
-
-
-def _telephone(y: float, rng: np.random.Generator) -> Iterator[Surface]:
-    """Put up poles along the pavement, with three wires, and one to a house at each."""
-    x = np.arange(BEHIND - rng.uniform(0.0, 20.0), AHEAD + 30.0, rng.uniform(22.0, 30.0)).tolist()
-    for one in x:
-        yield pole(one, y, 0.12, 7.2)
-        yield from _sagging((one, y, 6.9), (one + 4.0, y + 5.0, 5.0), 0.25, 0.004)
-    for one, other in pairwise(x):
-        for tall in (6.4, 6.7, 7.0):
-            yield from _sagging((one, y, tall), (other, y, tall), rng.uniform(0.3, 0.7), 0.006)
-
-
-def _tramway(half: float, rng: np.random.Generator) -> Iterator[Surface]:
-    """Hang a contact wire over each lane, from cables across the street between poles."""
-    tall = rng.uniform(5.4, 5.8)
-    spans = np.arange(BEHIND - rng.uniform(0.0, 15.0), AHEAD + 20.0, 18.0).tolist()
-    for x in spans:
-        for side in (half + 0.6, -half - 0.6):
-            yield pole(x, side, 0.1, 8.0)
-        yield from _sagging((x, -half - 0.6, 7.6), (x, half + 0.6, 7.6), 0.6, 0.006)
-        for y in LANES:
-            yield tube((x, y, tall), (x, y, 7.05), 0.006, Kind.WIRE)
-    for one, other in pairwise(spans):
-        for y in LANES:
-            yield from _sagging((one, y, tall), (other, y, tall), 0.05, 0.007)
-
-
-def _laths(start: float, end: float, y: float) -> Iterator[Surface]:
-    """Nail upright laths, gaps between them, to two rails."""
-    for x in np.arange(start, end, 0.15).tolist():
-        yield box((x, y - 0.01, 0.15), (x + 0.09, y + 0.01, 1.25), Kind.FENCE, 0.5)
-    for tall in (0.4, 1.0):
-        yield box((start, y + 0.01, tall), (end, y + 0.04, tall + 0.07), Kind.FENCE, 0.5)
-
-
-def _mesh(start: float, end: float, y: float) -> Iterator[Surface]:
-    """Weld rods, ten a metre, to bars, and hang them between posts."""
-    for x in np.arange(start, end, 0.1).tolist():
-        yield tube((x, y, 0.15), (x, y, 1.75), 0.003, Kind.FENCE)
-    for tall in np.arange(0.2, 1.8, 0.2).tolist():
-        yield tube((start, y, tall), (end, y, tall), 0.004, Kind.FENCE)
-    for x in np.arange(start, end, 2.5).tolist():
-        yield tube((x, y, 0.0), (x, y, 1.9), 0.03, Kind.FENCE)
-
-
-def _hedges(start: float, end: float, y: float, rng: np.random.Generator) -> Iterator[Surface]:
-    """Plant hedges in a row, each with its own leaves."""
-    for x in np.arange(start, end, 1.6).tolist():
-        half = (1.1, 0.45, rng.uniform(0.7, 0.9))
-        yield crown((x, y, half[2]), half, int(rng.integers(2**31)), 0.08, 0.03, 0.4)

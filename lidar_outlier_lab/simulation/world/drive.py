@@ -276,8 +276,9 @@ def _echoed(scene: Scene, echoes: Echoes) -> _Shots:
     """Say of echoes what they are of."""
     pane = (echoes.part >= PANE).astype(np.intp)
     kind, cause = scene.kinds[echoes.surface, pane], scene.causes[echoes.surface]
-    # Between leaves everything is mixed, and nobody would call it wrong.
-    cause[echoes.mixed & (cause == Cause.GOOD) & (kind != Kind.FOLIAGE)] = Cause.MIXED
+    # Between leaves, and blades of grass, everything is mixed, and nobody would call it wrong.
+    soft = (kind == Kind.FOLIAGE) | (kind == Kind.TERRAIN)
+    cause[echoes.mixed & (cause == Cause.GOOD) & ~soft] = Cause.MIXED
     bright = scene.reflectance[echoes.surface] * echoes.cosine
     return _Shots(echoes.distance, echoes.cosine, bright, kind, cause)
 

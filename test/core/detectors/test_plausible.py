@@ -4,13 +4,13 @@
 
 import numpy as np
 import pytest
-from helpers.scans import sweep
+from helpers.scans import Drive, points_of, sweep
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import methods
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.plausible import rejects_surfaces
+from lidar_outlier_filter.core.detectors.plausible import is_in_one_plane, rejects_surfaces
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern, count_points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -41,6 +41,17 @@ def test_surfaces_are_not(copies: int, far: float) -> None:
     assert rejects_surfaces(wall, wall[:, 0] > far)
     few = np.arange(len(wall)) < 0.02 * len(wall)
     assert not rejects_surfaces(wall, few)
+
+
+def test_a_profile_scanner_in_its_own_frame() -> None:
+    """All of its points lie in one plane: many strays there are no surface."""
+    drive = Drive(3, lines=20, shots=800, strays=0.08)
+    own = points_of(drive.far[:, None] * drive.beam, drive.t, drive.line)
+    parameters = FilterParameters()
+    found = methods.detect(DetectorInput(own, parameters), parameters)
+    assert rejects_surfaces(own.xyz, found.score > 1)
+    assert found.method == methods.Method.PATTERN.value
+    assert not is_in_one_plane(drive.points.xyz)
 
 
 def test_neighbours_judge_instead(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,8 @@ WINDOW = {
     'uneven': 'how unevenly the scan lines beside it are spaced',
     'rank': 'share of all points with less intensity × range²; -1: unknown',
 }
-# Of profile scanners besides: predictions by opposite returns, and the free group of a point.
+# Of profile scanners besides: predictions by opposite returns, the free group of a point, and its
+# height.
 PROFILE = {
     'middle': 'median deviation from the predictions of opposite points',
     'agree': 'share of opposite points that predict its range; -1: none',
@@ -49,6 +50,7 @@ PROFILE = {
     'group_width': 'width ÷ length of its group',
     'group_advance': 'how far its group moves on from scan line to scan line',
     'group_length': 'length of its group, metres',
+    'height': 'how high it is above the floor around, metres; below 0: under it',
 }
 # Of the second pass besides. How suspect is the log-odds of the first pass, clipped to ±4, or their
 # mean, which is -5 without points.

@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.detectors.builtin import BoostedTrees
 from lidar_outlier_filter.core.detectors.declaration import Contributions, ReasonName
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.plausible import rejects_surfaces
+from lidar_outlier_filter.core.detectors.plausible import is_in_one_plane, rejects_surfaces
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -188,7 +188,10 @@ def _rejects_surfaces(
 ) -> bool:
     """Return whether trees on the scan pattern reject surfaces, whatever the threshold."""
     score = _judge(seen, found, parameters).score * parameters.of(BoostedTrees).threshold
-    return rejects_surfaces(seen.points.xyz, score > 1, seen.threads)
+    if not rejects_surfaces(seen.points.xyz, score > 1, seen.threads):
+        return False
+    # In the own frame of a profile scanner everything is flat.
+    return found.model != PROFILE_MODEL or not is_in_one_plane(seen.points.xyz)
 
 
 def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:

@@ -136,18 +136,18 @@ void judge_lines(const Judged& judged, Index begin, Index end) {
 
 void check_judged(const Judged& judged, Index begin, Index end) {
     const Index size = judged.prepared.pattern.order.size();
-    const Index groups = judged.prepared.groups.size();
+    const Index of_block = judged.prepared.of_block.size();
     check(judged.asked.size() == size && judged.odds.size() == size,
           "what is asked, and log-odds, must be (M,)");
-    check(judged.prepared.rough.size() == size && judged.prepared.groups.shape[1] == size &&
-              (groups == 0 || groups == GROUP_FEATURES),
-          "roughness must be (M,), groups (0, M) or (5, M)");
+    check(judged.prepared.rough.size() == size && judged.prepared.of_block.shape[1] == size &&
+              (of_block == 0 || of_block == BLOCK_FEATURES),
+          "roughness must be (M,), features of the block (0, M) or (6, M)");
     if (judged.second) {
         check(judged.first.score.size() == size && judged.first.share.size() == size &&
                   judged.first.before.size() == size + 1,
               "scores and shares of the first pass must be (M,), counts (M + 1,)");
     }
-    const Index features = WINDOW_FEATURES + (groups > 0 ? PROFILE_FEATURES : 0) +
+    const Index features = WINDOW_FEATURES + (of_block > 0 ? PROFILE_FEATURES : 0) +
                            (judged.second ? SECOND_FEATURES : 0);
     check_trees(judged.trees, features);
     const View<float, 2> values = judged.values;
@@ -174,7 +174,7 @@ void judge_pattern(Prepared prepared, FirstPass first, bool second, View<const b
     const Pattern& pattern = prepared.pattern;
     check_pattern(pattern, begin, end);
     check_beside(pattern, prepared.near, begin, end);
-    const bool profile = prepared.groups.size() > 0;
+    const bool profile = prepared.of_block.size() > 0;
     const Judged judged{profile, second, prepared, first, asked, trees, column, odds, values};
     check_judged(judged, begin, end);
     judge_lines(judged, begin, end);

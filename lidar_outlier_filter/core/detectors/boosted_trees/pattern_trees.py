@@ -23,7 +23,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     SECOND_PASS,
     WINDOW,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_features import find_of_block
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     NO_TREES,
@@ -135,11 +135,11 @@ def scale(pattern: Pattern, odds: Singles, limit: float, threads: int = 0) -> tu
 
 
 def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
-    """Compute what the windows of a pattern share, and the groups of a profile scanner."""
+    """Compute what the windows of a pattern share, and what all lines of a profile scanner do."""
     prepared = prepare(found.pattern, threads)
     if found.model != PROFILE_MODEL:
         return prepared
-    return prepared._replace(groups=find_groups(found.pattern, prepared.near, threads))
+    return prepared._replace(of_block=find_of_block(found.pattern, prepared.near, threads))
 
 
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
@@ -168,7 +168,7 @@ def measure(
 
     Without a point, a place has features of 0.
     """
-    count = len(WINDOW) + len(PROFILE) * (len(prepared.groups) > 0)
+    count = len(WINDOW) + len(PROFILE) * (len(prepared.of_block) > 0)
     count += len(SECOND_PASS) * (first is not None)
     every = np.ones(len(prepared.pattern.order), np.bool_) if asked is None else asked
     values = np.zeros((count, np.count_nonzero(every)), np.float32)
@@ -217,7 +217,7 @@ def strongest_of_trees(
     threads : maximum number of threads; 0: all cores
 
     """
-    names = (*WINDOW, *(PROFILE if len(prepared.groups) > 0 else ()), *SECOND_PASS)
+    names = (*WINDOW, *(PROFILE if len(prepared.of_block) > 0 else ()), *SECOND_PASS)
     numbers = np.array([_NUMBERS.get(name, 0) for name in names], np.uint8)
     values = measure(prepared, first, selected, threads)
     found = np.full(values.shape[1], _NUMBERS['first'], np.uint8)

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Segments of lines, and the free groups that they make up: see profile_features.py.
+// Segments of lines, the free groups that they make up, and heights: see profile_features.py.
 
 #include "profile_features.hpp"
 
@@ -267,6 +267,19 @@ void write_groups(Pattern pattern, Segments segments, View<const std::int32_t> g
             for (Index row = 0; row < out.size() && g >= 0; ++row) {
                 out(row, k) = described(row, g);
             }
+        }
+    }
+}
+
+void write_heights(Pattern pattern, Floor around, Index begin, Index end, View<float> out) {
+    check_pattern(pattern, begin, end);
+    check_floor(around, pattern.order.size());
+    check(out.size() == pattern.order.size(), "heights must be (M,)");
+    for (Index line = begin; line < end; ++line) {
+        for (Index k = pattern.first[line]; k < pattern.last[line]; ++k) {
+            const auto x = static_cast<double>(pattern.x[k]), y = static_cast<double>(pattern.y[k]);
+            const double low = LEVEL::floor_at(around, x, y).low;
+            out[k] = static_cast<float>(static_cast<double>(pattern.z[k]) - low);
         }
     }
 }

@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Features of profile scanners alone: predictions by pairs of returns, and free groups. See
-// profile_features.py for the method. Textbook twins: test/naive/{profile_pattern,groups}.py.
+// Features of profile scanners alone: predictions by pairs of returns, free groups, and heights. See
+// profile_features.py for the method. Textbook twins: test/naive/{profile_pattern,survey}.py.
 #pragma once
 
 #include <algorithm>
@@ -10,13 +10,15 @@
 #include <tuple>
 
 #include "../../kernels/lanes.hpp"
+#include "../../neighbours/floor.hpp"
 #include "window_features.hpp"
 
 namespace lidar {
 
 // Rows of the features of profile scanners, from the first of these on, as PROFILE in features.py.
-enum ProfileFeature { MIDDLE, AGREE, GROUP, PROFILE_FEATURES = GROUP + 5 };
-inline constexpr int GROUP_FEATURES = PROFILE_FEATURES - GROUP;
+enum ProfileFeature { MIDDLE, AGREE, GROUP, HEIGHT = GROUP + 5, PROFILE_FEATURES };
+inline constexpr int GROUP_FEATURES = HEIGHT - GROUP;
+inline constexpr int BLOCK_FEATURES = PROFILE_FEATURES - GROUP;  // that all lines give together
 
 struct Segments {                   // of all lines, numbered from 0
     View<const std::int32_t> of;    // (M,) of each position; -1: no point
@@ -33,6 +35,8 @@ Owned<float, 2> describe_groups(Pattern pattern, Segments segments, View<const s
 // Writes the features (5, G) of its group to each position (5, M) that has one.
 void write_groups(Pattern pattern, Segments segments, View<const std::int32_t> group,
                   View<const float, 2> described, View<float, 2> out);
+// Writes how high the points of some lines are above a floor, metres, to their positions (M,).
+void write_heights(Pattern pattern, Floor around, Index begin, Index end, View<float> out);
 
 namespace LEVEL {
 
@@ -92,8 +96,8 @@ template <int ROW>
 inline void write_profile(const Line& line, const Prepared& prepared, const Places& points,
                           Singles r, const Returns& returns, Features<ROW> to) {
     write_predictions(line, r, returns, to);
-    for (int row = 0; row < GROUP_FEATURES; ++row) {
-        to.set(GROUP + row, points.of(prepared.groups.row(row)));
+    for (int row = 0; row < BLOCK_FEATURES; ++row) {
+        to.set(GROUP + row, points.of(prepared.of_block.row(row)));
     }
 }
 

@@ -23,7 +23,7 @@ struct Prepared {
     Pattern pattern;
     View<const float> rough;           // (M,), see write_roughness()
     View<const std::int32_t, 2> near;  // (4, M), see find_beside()
-    View<const float, 2> groups;       // (5, M) of profile scanners, (0, M) of others
+    View<const float, 2> of_block;     // (6, M) of profile scanners, (0, M) of others
 };
 
 inline constexpr int OWN = 5, OTHER = 3;  // returns on either side: in its ring, in those beside it

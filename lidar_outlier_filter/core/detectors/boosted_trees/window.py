@@ -32,15 +32,16 @@ class Prepared(NamedTuple):
     near : (4, M) int32
         The place nearest in azimuth on the second ring below, the one below, the one above, and
         the second above; a place of no point where there is no such ring.
-    groups : (G, M) float32
-        Of a profile scanner, the features of the free group of each; G is 0 for other sensors.
+    of_block : (B, M) float32
+        Of a profile scanner, features that all lines together give each place: of its free group,
+        and its height. B is 0 for other sensors.
 
     """
 
     pattern: Pattern
     rough: Singles
     near: Index
-    groups: Singles
+    of_block: Singles
 
 
 def prepare(pattern: Pattern, threads: int = 0) -> Prepared:

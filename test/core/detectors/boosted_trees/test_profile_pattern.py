@@ -20,6 +20,7 @@ from helpers.scans import (
 )
 from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
+from naive import survey as naive_survey
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core import _kernels
@@ -260,6 +261,32 @@ def test_groups_equal_naive(lost: float, reach: float) -> None:
     got.pop(-1, None)
     assert len(expected) > 1
     assert sorted(got.values()) == sorted(expected)
+
+
+@pytest.mark.parametrize('lost', [0.0, 0.5])
+def test_heights_equal_naive(lost: float) -> None:
+    """The height of a return is that above the floor of one return in four, in metres."""
+    pattern = profile_pattern_of(Drive(9, lost, 8, 400, strays=0.05).points)
+    xyz = [point.xyz for ring in lines_of(pattern) for point in ring.points]
+    expected = naive_survey.heights(xyz, xyz[:: profile.EVERY], profile.COLUMN)
+    found = profile.find_heights(pattern)
+    has_return = pattern.order >= 0
+    assert_allclose(found[has_return], expected, rtol=0, atol=1e-5)
+    assert not found[~has_return].any()
+
+
+def test_mirror_images_below_a_road() -> None:
+    """A road mirrors a few of its returns down to where the walls would be; a pit is no image."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.0)
+    road = (np.abs(drive.points.xyz[:, 2]) < 0.05) & (np.abs(drive.points.xyz[:, 1]) > 1.0)
+    mirrored = road & (np.random.default_rng(3).random(len(road)) < 0.02)
+    points = drive.measured(np.where(mirrored, 1.7 * drive.far, drive.far))
+    rejected = scores(points) > 1
+    assert rejected[mirrored].mean() > 0.8
+    assert rejected[~mirrored].mean() < 0.001
+    pit = road & (drive.points.xyz[:, 1] > 2.0)
+    deep = drive.measured(np.where(pit, 1.7 * drive.far, drive.far))
+    assert (scores(deep) > 1).mean() < 0.001
 
 
 def test_group_of_an_arm() -> None:

@@ -193,7 +193,7 @@ def test_numbers_never_change() -> None:
         '24:dense 25:sparse 26:bright 28:rank 65:first 66:first_own 67:first_other '
         '68:first_close 69:first_level 70:first_behind 71:first_before 72:wide_own 73:wide_other '
         '129:middle 130:agree 131:group 132:group_slope 133:group_width 134:group_advance '
-        '135:group_length 193:between_surfaces'
+        '135:group_length 136:height 193:between_surfaces'
     )
     known = dict(one.split(':') for one in names.split())
     assert {int(number): name for number, name in known.items()} == features.REASON_NAMES
