@@ -30,7 +30,7 @@ from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.page import page
 from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_lab.results import pictures as picture
-from lidar_outlier_lab.results.papers.methods import SMOOTHER
+from lidar_outlier_lab.results.papers.methods import CLASSIC
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.drive import Drive
 from lidar_outlier_lab.simulation.world.recording import record
@@ -39,7 +39,7 @@ MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may r
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
 PAGE, MAX_DRAWN = 'report.html', 3_000_000
 SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
-FORMS: dict[str, Mapping[str, object]] = {'paper': {**SENSOR, **SMOOTHER}, 'default': SENSOR}
+FORMS: dict[str, Mapping[str, object]] = {'classic': {**SENSOR, **CLASSIC}, 'default': SENSOR}
 
 
 def run(output: Path, drive: Drive | None = None, snow: Drive | None = None) -> int:
@@ -78,8 +78,8 @@ def run(output: Path, drive: Drive | None = None, snow: Drive | None = None) -> 
         '',
         f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {_said(scanned[0])}',
         '',
-        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), along',
-        f'each scan line. default: by {", ".join(FilterParameters().chain)}.',
+        'Filtered twice. classic: by config/classic.yaml, three methods of papers in sequence.',
+        f'default: by {", ".join(FilterParameters().chain)}.',
         '',
         summary(scanned[1]),
         '',

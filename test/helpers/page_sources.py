@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER
+from lidar_outlier_lab.simulation.scenes import mapping_streets
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 from lidar_outlier_lab.training.held_out import NO_WEATHER
@@ -35,7 +37,7 @@ from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
 from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
     Figures = Mapping[str, str]
@@ -48,6 +50,8 @@ STREET_FORMS: Mapping[str, Mapping[str, object]] = {
     'classic': CLASSIC,
     'smoother': {'chain': ['alpha_beta_gamma']},
     'paper': SMOOTHER,
+    'strict': {'boosted_trees.threshold': 0.9},
+    'careful': {'boosted_trees.threshold': 1.1},
 }
 SHORT = 10_000
 WEATHER_NAMES = {'light_snow': 'light snow', 'heavy_snow': 'heavy snow', 'mixed': 'mixed points'}
@@ -124,22 +128,35 @@ def files(_pages: Pages) -> Figures:
 
 
 def street(pages: Pages) -> Figures:
-    """Simulate the street of the demo, and judge it by the default and by the smoother."""
+    """Simulate the street of the demo, and judge it in each form."""
     folder = pages.new('street')
     record(demo_drive(), folder / 'drive')
-    figures: dict[str, str] = {}
-    for form, values in STREET_FORMS.items():
-        replay(folder / 'drive', folder / form, parameters={**SENSOR, **values})
-        figures |= _of_run(folder / form)
-    return figures
+    return _of_forms(folder, STREET_FORMS, SENSOR)
+
+
+def suburb(pages: Pages) -> Figures:
+    """Simulate a suburb with hedges, and judge it by the default and by the papers' three."""
+    folder = pages.new('suburb')
+    record(mapping_streets.suburb(1), folder / 'drive')
+    return _of_forms(folder, ('default', 'classic'))
 
 
 def snow(pages: Pages) -> Figures:
-    """Simulate the same street in snow, and judge it by the default."""
+    """Simulate the same street in snow, and judge it by the default, more or less strict."""
     folder = pages.new('snow')
     record(snow_drive(), folder / 'drive', lines_per_message=1)
-    replay(folder / 'drive', folder / 'default')
-    return _of_run(folder / 'default')
+    return _of_forms(folder, ('default', 'strict', 'careful'))
+
+
+def _of_forms(
+    folder: Path, forms: Iterable[str], sensor: Mapping[str, object] = MappingProxyType({})
+) -> Figures:
+    """Filter and evaluate a drive in several forms."""
+    figures: dict[str, str] = {}
+    for form in forms:
+        replay(folder / 'drive', folder / form, parameters={**sensor, **STREET_FORMS[form]})
+        figures |= _of_run(folder / form)
+    return figures
 
 
 def _of_run(recording: Path) -> dict[str, str]:

@@ -146,6 +146,24 @@ def test_parameter_files_are_accepted(page: Path, tmp_path: Path) -> None:
         FilterParameters().changed(read_yaml(file))
 
 
+def test_troubleshooting_quotes_the_code() -> None:
+    """What the page of symptoms says that is logged, or published in the diagnostics, is."""
+    files = sorted((ROOT / 'lidar_outlier_filter').rglob('*.py'))
+    text = '\n'.join(path.read_text(encoding='utf-8') for path in files)
+    said = re.sub(r"'\n\s*f?'", '', text)  # strings that go on in the next line
+    page = (ROOT / 'doc' / 'troubleshooting.md').read_text(encoding='utf-8')
+    cells = re.findall(r'^\| (.*?) \|', page, re.MULTILINE)
+    phrases = [
+        part.strip()
+        for cell in cells
+        for text in re.findall(r'`([^`]+ [^`]+)`', cell)
+        for part in text.removeprefix('boosted_trees').split('…')
+        if part
+    ]
+    assert len(phrases) > 20
+    assert [one for one in phrases if one not in said] == []
+
+
 def test_every_detector_has_a_page() -> None:
     """With its formula and its reference, beside the table of all."""
     folder = ROOT / 'doc' / 'detectors'

@@ -23,7 +23,7 @@ from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 FILES = {
     '.lidar_outlier_filter_demo',
     'drive',
-    'paper',
+    'classic',
     'default',
     'demo.yaml',
     'before_after.png',
@@ -58,16 +58,16 @@ def test_everything_is_there(made: tuple[Path, str]) -> None:
 def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
     """Precision and recall are printed as the bags hold them; of flakes most are found."""
     output, printed = made
-    paper, default, snow = (
+    classic, default, snow = (
         confusion(points.bad, points.rejected)
         for points in (
-            read_recording(output / name) for name in ('paper', 'default', 'snow_default')
+            read_recording(output / name) for name in ('classic', 'default', 'snow_default')
         )
     )
     for figure in ('precision', 'recall'):
         rows = re.findall(rf'^{figure} +([\d.]+) %(?: +([\d.]+) %)?', printed, re.MULTILINE)
         said = [float(text) for row in rows for text in row if text]
-        expected = [100 * getattr(run, figure).ratio for run in (paper, default, snow)]
+        expected = [100 * getattr(run, figure).ratio for run in (classic, default, snow)]
         assert said == pytest.approx(expected, abs=0.005)
     assert snow.recall.ratio > 0.8
     assert snow.lost < 0.001 * snow.good
