@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from helpers import ROOT
 from helpers.live import (
     ARRIVAL,
     clouds,
@@ -199,6 +200,24 @@ def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
     assert count <= 20 + 4 * cores()
+
+
+def test_operated_without_ros2() -> None:
+    """The example of the pages moves a managed node, sets, disables, and shows the diagnostics."""
+    env, program = environment(), ROOT / 'doc/examples/operate.py'
+    with Program('-m', 'lidar_outlier_filter.cli.node', '--lifecycle', env=env) as node:
+        node.wait_for('waiting to be configured')
+        for words, answer in (
+            ('configure', 'success=True'),
+            ('activate', 'success=True'),
+            ('set scores true', 'successful=True'),
+            ('enable false', "message='clouds pass unfiltered'"),
+            ('diagnostics', 'disabled: clouds pass unfiltered'),
+        ):
+            command = (program, '/outlier_filter_node', *words.split())
+            assert answer in ended(sys.executable, *command, env=env).stdout
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
 
 
 # What it finishes takes hours: it waits for a thread, or computes, as a kernel does.

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Operate a running node where there is no ``ros2``.
+
+python operate.py NODE diagnostics           # of all nodes; NODE: such as /outlier_filter_node
+python operate.py NODE set chain "['lof']"   # as ros2 param set
+python operate.py NODE enable false          # the services: enable, save_parameters, reset
+python operate.py NODE configure             # a managed node: also activate, deactivate, cleanup
+"""
+
+import sys
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import get_parameter_value
+from rclpy.wait_for_message import wait_for_message
+from std_srvs.srv import SetBool, Trigger
+
+PATIENCE = 10.0  # seconds
+
+
+def main(node: str, what: str, *values: str) -> object:
+    """Do what is said, and return the answer of the node."""
+    if what == 'set':
+        name, value = values
+        parameter = Parameter(name=name, value=get_parameter_value(value))
+        return call(SetParameters, f'{node}/set_parameters', parameters=[parameter])
+    if what == 'enable':
+        return call(SetBool, f'{node}/enable', data=values == ('true',))
+    if what in {'save_parameters', 'reset'}:
+        return call(Trigger, f'{node}/{what}')
+    if what == 'diagnostics':
+        return wait_for_message(DiagnosticArray, me, '/diagnostics', time_to_wait=PATIENCE)[1]
+    transition = Transition(id=getattr(Transition, f'TRANSITION_{what.upper()}'))
+    return call(ChangeState, f'{node}/change_state', transition=transition)
+
+
+def call(kind: Any, name: str, **fields: object) -> object:
+    """Call a service."""
+    client = me.create_client(kind, name)
+    if not client.wait_for_service(PATIENCE):
+        sys.exit(f'{name} must be a service of a running node, got none')
+    answer = client.call_async(kind.Request(**fields))
+    rclpy.spin_until_future_complete(me, answer, timeout_sec=PATIENCE)
+    return answer.result()
+
+
+if __name__ == '__main__':
+    rclpy.init()
+    me = rclpy.create_node('operate')
+    sys.stdout.write(f'{main(*sys.argv[1:])}\n')
