@@ -21,11 +21,11 @@ from rclpy.parameter import get_parameter_value
 from rclpy.wait_for_message import wait_for_message
 from std_srvs.srv import SetBool, Trigger
 
-PATIENCE = 10.0  # seconds
+TIMEOUT = 10.0  # seconds
 
 
 def main(node: str, what: str, *values: str) -> object:
-    """Do what is said, and return the answer of the node."""
+    """Do what is said, and return the response of the node."""
     if what == 'set':
         name, value = values
         parameter = Parameter(name=name, value=get_parameter_value(value))
@@ -35,7 +35,7 @@ def main(node: str, what: str, *values: str) -> object:
     if what in {'save_parameters', 'reset'}:
         return call(Trigger, f'{node}/{what}')
     if what == 'diagnostics':
-        return wait_for_message(DiagnosticArray, me, '/diagnostics', time_to_wait=PATIENCE)[1]
+        return wait_for_message(DiagnosticArray, me, '/diagnostics', time_to_wait=TIMEOUT)[1]
     transition = Transition(id=getattr(Transition, f'TRANSITION_{what.upper()}'))
     return call(ChangeState, f'{node}/change_state', transition=transition)
 
@@ -43,11 +43,11 @@ def main(node: str, what: str, *values: str) -> object:
 def call(kind: Any, name: str, **fields: object) -> object:
     """Call a service."""
     client = me.create_client(kind, name)
-    if not client.wait_for_service(PATIENCE):
+    if not client.wait_for_service(TIMEOUT):
         sys.exit(f'{name} must be a service of a running node, got none')
-    answer = client.call_async(kind.Request(**fields))
-    rclpy.spin_until_future_complete(me, answer, timeout_sec=PATIENCE)
-    return answer.result()
+    response = client.call_async(kind.Request(**fields))
+    rclpy.spin_until_future_complete(me, response, timeout_sec=TIMEOUT)
+    return response.result()
 
 
 if __name__ == '__main__':

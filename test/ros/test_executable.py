@@ -207,7 +207,7 @@ def test_operated_without_ros2() -> None:
     env, program = environment(), ROOT / 'doc/examples/operate.py'
     with Program('-m', 'lidar_outlier_filter.cli.node', '--lifecycle', env=env) as node:
         node.wait_for('waiting to be configured')
-        for words, answer in (
+        for words, response in (
             ('configure', 'success=True'),
             ('activate', 'success=True'),
             ('set scores true', 'successful=True'),
@@ -215,7 +215,7 @@ def test_operated_without_ros2() -> None:
             ('diagnostics', 'disabled: clouds pass unfiltered'),
         ):
             command = (program, '/outlier_filter_node', *words.split())
-            assert answer in ended(sys.executable, *command, env=env).stdout
+            assert response in ended(sys.executable, *command, env=env).stdout
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
 
