@@ -32,7 +32,7 @@ from lidar_outlier_filter.cli.terminal import (
 from lidar_outlier_filter.disk.new_files import check_new, new_output
 from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, copy_suffix
+from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, split_name
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
 from lidar_outlier_filter.files.text import is_prose
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -216,12 +216,12 @@ def _outputs(
     """Return the paths of a file's outputs, in ``folder`` or else beside the file."""
     output: Path | None = options.output
     if folder is not None or output is None:
-        name = path.stem + CLEANED + copy_suffix(path)
-        output = (path if folder is None else folder / source).with_name(name)
+        stem, suffix = split_name(path)
+        output = (path if folder is None else folder / source).with_name(stem + CLEANED + suffix)
     if options.rejected != SEPARATE or options.outliers is not None:
         return [output]
-    stem = output.stem.removesuffix(CLEANED)
-    return [output, output.with_name(stem + OUTLIERS + output.suffix)]
+    stem, suffix = split_name(output)
+    return [output, output.with_name(stem.removesuffix(CLEANED) + OUTLIERS + suffix)]
 
 
 def _classes(options: argparse.Namespace, option: str) -> tuple[int, ...]:

@@ -221,9 +221,10 @@ def list_clouds(
         raise CloudError('the treatment of rejected points', must_be, repr(options.rejected))
     clouds = [output] if outliers is None else [output, outliers]
     for cloud in clouds:
-        if cloud.name.lower().endswith('.copc.laz'):
-            must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
-            raise CloudError('the output', must_be, cloud)
+        with cloud_file.readable(file.path):
+            if cloud_file.is_copc(cloud) and file.octree is None:
+                must_be = 'LAZ without an octree, as the file, of which untwine or PDAL makes COPC'
+                raise CloudError('the output', must_be, cloud)
         suffix = cloud_file.copy_suffix(file.path)
         if FORMATS.get(cloud.suffix.lower()) != FORMATS.get(suffix.lower()):
             must_be = f'in the format of {file.path.with_suffix(suffix).name}'

@@ -39,6 +39,7 @@ FORMATS = {
 SUFFIXES = tuple(FORMATS)
 # Clouds in formats that are not read: each in a folder is a failure, not passed over.
 UNREAD_SUFFIXES = ('.pts', '.xyzi', '.xyzrgb', '.zlas', '.fls', '.zfs', '.rxp', '.rdbx')
+COPC = '.copc.laz'  # LAZ with an octree
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
 
 
@@ -90,6 +91,7 @@ class CloudFile(Protocol):
     crs : the name of the coordinate system; empty where the file names none
     metres : metres per unit of the columns with coordinates that are not in metres
     about : properties of the format, by name, such as its version
+    octree : that of a COPC file, which its copies may keep
     grids : columns and rows of each scan whose points, missing returns among them, come column by
         column; empty where they do not
 
@@ -103,6 +105,7 @@ class CloudFile(Protocol):
     crs: str = ''
     metres: Mapping[str, float] = MappingProxyType({})
     about: Mapping[str, str] = MappingProxyType({})
+    octree: object | None = None
     grids: Sequence[tuple[int, int]] = ()
     _count: int
 
@@ -161,6 +164,18 @@ def check_file(path: Path) -> None:
 def copy_suffix(path: Path) -> str:
     """Return the suffix of copies: that of the file, where its format is written."""
     return _COPIES.get(path.suffix.lower(), path.suffix)
+
+
+def split_name(path: Path) -> tuple[str, str]:
+    """Split the name of a file before the suffix of its copies, of which .copc.laz is one."""
+    if is_copc(path):
+        return path.name[: -len(COPC)], path.name[-len(COPC) :]
+    return path.stem, copy_suffix(path)
+
+
+def is_copc(path: Path) -> bool:
+    """Return whether a file is COPC by its name."""
+    return path.name.lower().endswith(COPC)
 
 
 def read(

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.files import unpack_laz
-from lidar_outlier_filter.files.cloud_file import CHUNK_ROWS, Change, CloudFile
+from lidar_outlier_filter.files.cloud_file import CHUNK_ROWS, Change, CloudFile, is_copc
+from lidar_outlier_filter.files.copc import NodeBackend, Octree, read_octree
 from lidar_outlier_filter.files.las_header import (
     MAX_HEADER_BYTES,
     USER,
@@ -63,7 +64,8 @@ _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, da
 _VERSION = slice(24, 26)
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
-_LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
+_LASZIP = 'laszip encoded'
+_LAYOUTS = {'copc', _LASZIP}  # records on how the points lie in the file
 _MAX_BYTES_AT_ONCE = 2**28  # of points in memory at once
 
 # It logs errors that it also raises.
@@ -103,6 +105,11 @@ class LasFile(CloudFile):
             },
         }
 
+    @cached_property
+    def octree(self) -> Octree | None:  # type: ignore[override]  # it may be refused
+        """The octree of a COPC file."""
+        return read_octree(self.path, self._records, self._evlrs)
+
     @property
     def _system(self) -> dict[int, bytes]:
         """The records of the coordinate system, by number."""
@@ -128,17 +135,21 @@ class LasFile(CloudFile):
             for points in self._points(reader, requested):
                 yield tuple(np.array(points[name]) for name in names)
 
-    def _points(self, reader: laspy.LasReader, requested: Parts) -> Iterator[Any]:
+    def _points(
+        self, reader: laspy.LasReader, requested: Parts, table: int | None = None
+    ) -> Iterator[Any]:
         """Read points chunk by chunk; of LAZ, only the requested parts."""
         if reader.header.are_points_compressed:
-            return _unpacked(self.path, reader.header, requested, CHUNK_ROWS)
+            return _unpacked(self.path, reader.header, requested, CHUNK_ROWS, table)
         return iter(reader.chunk_iterator(CHUNK_ROWS))
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
-        """Write a copy, compressed if its name ends with .laz."""
-        # The copy has a layout of its own, and no octree.
-        records = [one for one in self._records if one.user_id not in _LAYOUTS]
-        evlrs = [one for one in self._evlrs if one.user_id not in _LAYOUTS]
+        """Write a copy: compressed for .laz, with the octree for .copc.laz."""
+        octree = self.octree if is_copc(path) else None
+        # Else the copy has a layout of its own.
+        left_out = _LAYOUTS if octree is None else ()
+        records = [one for one in self._records if one.user_id not in left_out]
+        evlrs = [one for one in self._evlrs if one.user_id not in left_out]
         with laspy.open(self.path, read_evlrs=False) as reader, path.open('w+b') as stream:
             header = deepcopy(reader.header)
             if str(header.version) == '1.0':  # laspy reads it only; its header is that of 1.1
@@ -150,10 +161,17 @@ class LasFile(CloudFile):
             if change.added:
                 kinds = {name: values.dtype for name, values in change.added.items()}
                 header.add_extra_dims([laspy.ExtraBytesParams(*item) for item in kinds.items()])
-            compress = path.suffix.lower() == '.laz'
-            writer = laspy.LasWriter(stream, header, compress, closefd=False)
+            compress, backend, table = path.suffix.lower() == '.laz', None, None
+            if octree is not None:
+                if change.added:
+                    records = [_of_wider_points(one, header) for one in records]
+                    header.vlrs[: len(records)] = records
+                counts, table = octree.kept(change.keep), octree.table
+                (laszip,) = (one.record_data_bytes() for one in records if one.user_id == _LASZIP)
+                backend = NodeBackend(laszip, counts)
+            writer = laspy.LasWriter(stream, header, compress, backend, closefd=False)
             done = 0
-            for points in self._points(reader, Parts.all()):
+            for points in self._points(reader, Parts.all(), table):
                 part = slice(done, done + len(points))
                 writer.write_points(_changed(points, header, change, part))
                 done = part.stop
@@ -162,6 +180,10 @@ class LasFile(CloudFile):
                 writer.write_evlrs(VLRList(evlrs))
             writer.close()
             self._restore(stream, writer.header, change, (records, evlrs))
+            if octree is not None:
+                after = writer.header
+                offsets = int(after.offset_to_point_data), int(after.start_of_first_evlr)
+                octree.write(stream, laszip, offsets, counts)
 
     def _restore(
         self,
@@ -214,10 +236,27 @@ class LasFile(CloudFile):
             stream.write(one)
 
 
-def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:
+def _of_wider_points(record: LasRecord, header: laspy.LasHeader) -> LasRecord:
+    """Return a record of a COPC file whose points get more extra bytes."""
+    if record.user_id != _LASZIP:
+        return record
+    kind = header.point_format
+    laszip = lazrs.LazVlr.new_for_compression(
+        kind.id, kind.num_extra_bytes, use_variable_size_chunks=True
+    )
+    data = bytes(laszip.record_data())
+    wider = LasRecord(record.user_id, record.record_id, record.description, data)
+    wider.head = record.head[:20] + struct.pack('<H', len(data)) + record.head[22:]
+    return wider
+
+
+def _unpacked(
+    path: Path, header: laspy.LasHeader, parts: Parts, rows: int, table: int | None = None
+) -> Iterator[Any]:
     """Yield the points of a LAZ file as laspy does, ``rows`` at once, by a process of its own.
 
-    With no rows, only the count of points is checked.
+    With no rows, only the count of points is checked. A ``table`` of chunks that does not have
+    this checksum is refused.
     """
     count, each = int(header.point_count), int(header.point_format.size)
     records = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
@@ -228,7 +267,14 @@ def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> I
         getattr(lazrs, f'SELECTIVE_DECOMPRESS_{part.name}') for part in Parts if part in parts
     )
     library, record = Path(lazrs.__file__).parents[1], records[0].hex()
-    numbers = (header.offset_to_point_data, selection, each, count, rows)
+    numbers = (
+        header.offset_to_point_data,
+        selection,
+        each,
+        count,
+        rows,
+        -1 if table is None else table,
+    )
     command = [sys.executable, '-I', '-S', unpack_laz.__file__, library, path.absolute(), record]
     with (
         tempfile.TemporaryFile() as said,

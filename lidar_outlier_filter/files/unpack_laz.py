@@ -12,6 +12,7 @@ import struct
 import sys
 from collections.abc import Sequence
 from typing import Any, BinaryIO
+from zlib import crc32
 
 MAX_MEMORY_BYTES = 2**31  # bytes
 VARIABLE = 2**32 - 1  # the size of chunks that differ
@@ -22,11 +23,11 @@ def main(arguments: Sequence[str]) -> int:
     """Check the point count by the chunks, then write the points as in a LAS file.
 
     Arguments: folder of the library, file, LASzip record (hex), offset of the points, selection
-    of fields, size of a point, count, and points per write (0: only check). The last line on
-    stderr is the error.
+    of fields, size of a point, count, points per write (0: only check), and the checksum of the
+    table of chunks (-1: any). The last line on stderr is the error.
     """
     library, path, record, *numbers = arguments
-    begin, selection, size, count, rows = map(int, numbers)
+    begin, selection, size, count, rows, table = map(int, numbers)
     most = resource.getrlimit(resource.RLIMIT_DATA)[1]
     limit = MAX_MEMORY_BYTES if most == resource.RLIM_INFINITY else min(most, MAX_MEMORY_BYTES)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
@@ -41,6 +42,11 @@ def main(arguments: Sequence[str]) -> int:
                 raise ValueError(f'{found} points instead of {count}')  # noqa: TRY301
             if not rows:
                 return 0
+            if table >= 0:
+                source.seek(begin)
+                chunks = lazrs.read_chunk_table(source, lazrs.LazVlr(laszip))
+                if checksum(chunks) != table:
+                    raise ValueError('other chunks than those of its octree')  # noqa: TRY301
             source.seek(begin)
             try:
                 unpacker = lazrs.ParLasZipDecompressor(source, laszip, parts)
@@ -59,6 +65,11 @@ def main(arguments: Sequence[str]) -> int:
         sys.stderr.write(f'\n{text}')
         return 1
     return 0
+
+
+def checksum(chunks: Sequence[tuple[int, int]]) -> int:
+    """Return the checksum of the points and bytes of all chunks with points."""
+    return crc32(b''.join(struct.pack('<QQ', *one) for one in chunks if one[0]))
 
 
 def _count(  # noqa: PLR0913  where the points are

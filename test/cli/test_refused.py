@@ -33,7 +33,7 @@ REFUSED = {
     'clean a.laz --keep-classes 300': 'a class must be from 0 to 255, got 300',
     'clean a.laz --jobs 0': '--jobs must be at least 1, got 0',
     'clean a.laz --rejected remove --mark noise': 'how rejected points are marked must be',
-    'clean a.laz --output b.copc.laz': 'must be LAZ without an octree, of which untwine',
+    'clean a.laz --output b.copc.laz': 'must be LAZ without an octree, as the file',
     # Recordings
     'replay drive --topic /nowhere': "a topic to filter must be one of /lidar, got '/nowhere'",
     'replay drive --output .': 'the output must be a new folder, got ., which exists',
