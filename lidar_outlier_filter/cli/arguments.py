@@ -191,11 +191,14 @@ def _add_marks(parser: ArgumentParser) -> None:
     )
     add(
         '--mark',
-        choices=('class', 'noise', 'withheld'),
+        choices=('class', 'noise', 'withheld', 'column'),
         default='class',
         help='how rejected points of LAS are marked: class (default): 7; noise: 7 below, 18 '
-        'above the kept points around; withheld: the withheld flag',
+        'above the kept points around; withheld: the withheld flag; column: an extra byte '
+        'outlier, and nothing else',
     )
+    add('--mark-class', type=int, default=7, metavar='C', help='instead of 7, for --mark class')
+    add('--old-class', action='store_true', help='add the old class as an extra byte old_class')
     add(
         '--scores',
         action='store_true',

@@ -93,6 +93,8 @@ def _clean_options(options: argparse.Namespace) -> CleanOptions:
         table=options.table,
         tile=options.tile,
         mark=options.mark,
+        mark_class=options.mark_class,
+        old_class=options.old_class,
         strips=options.strips,
         only=_classes(options, 'only'),
         keep=_classes(options, 'keep'),

@@ -28,9 +28,16 @@ from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON,
 from lidar_outlier_filter.disk.new_files import check_new, new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cloud_file import FORMATS, Change, CloudFile, open_cloud
+from lidar_outlier_filter.files.cloud_file import (
+    FORMATS,
+    LOW_NOISE,
+    Change,
+    CloudFile,
+    open_cloud,
+)
 from lidar_outlier_filter.files.judged_file import (
     CLASS,
+    COLUMN,
     MARK,
     SEPARATE,
     WITHHELD,
@@ -39,11 +46,12 @@ from lidar_outlier_filter.files.judged_file import (
     judge_file,
     timed,
 )
-from lidar_outlier_filter.files.points import say_coarse
+from lidar_outlier_filter.files.points import CLASSIFICATION, say_coarse
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
+OLD_CLASS = 'old_class'  # a column
 _LIBRARIES = ('numpy', 'scipy', 'laspy', 'lazrs', 'pyarrow', 'python-neo-lzf')
 
 
@@ -211,9 +219,7 @@ def list_clouds(
     if options.rejected != MARK and file.whole:
         must_be = f'{MARK!r} for {file.path}: {file.whole}'
         raise CloudError('the treatment of rejected points', must_be, repr(options.rejected))
-    if options.mark != CLASS and not (file.classes and options.rejected == MARK):
-        must_be = f'{CLASS!r}, unless points of LAS and LAZ are marked'
-        raise CloudError('how rejected points are marked', must_be, repr(options.mark))
+    _check_marks(file, options)
     if options.rejected == SEPARATE and outliers is None:
         raise CloudError('the file for the outliers', 'given, to separate them', 'none')
     if options.rejected != SEPARATE and outliers is not None:
@@ -230,6 +236,23 @@ def list_clouds(
             must_be = f'in the format of {file.path.with_suffix(suffix).name}'
             raise CloudError('the output', must_be, cloud)
     return clouds
+
+
+def _check_marks(file: CloudFile, options: CleanOptions) -> None:
+    """Refuse marks that the format or the other options do not have."""
+    is_marked = file.classes and options.rejected == MARK
+    if options.mark != CLASS and not is_marked:
+        must_be = f'{CLASS!r}, unless points of LAS and LAZ are marked'
+        raise CloudError('how rejected points are marked', must_be, repr(options.mark))
+    if options.old_class and not is_marked:
+        must_be = 'left out, unless points of LAS and LAZ are marked'
+        raise CloudError('the column of old classes', must_be, 'it')
+    if options.mark_class != LOW_NOISE and not (is_marked and options.mark == CLASS):
+        must_be = f'{LOW_NOISE}, unless points of LAS and LAZ are marked by their class alone'
+        raise CloudError('the class of rejected points', must_be, options.mark_class)
+    if not 0 <= options.mark_class <= file.max_class:
+        must_be = f'from 0 to {file.max_class} in {file.path}'
+        raise CloudError('the class of rejected points', must_be, options.mark_class)
 
 
 def _changes(judged: JudgedFile) -> list[Change]:
@@ -250,11 +273,16 @@ def _changes(judged: JudgedFile) -> list[Change]:
 
 def _marked(judged: JudgedFile, added: Mapping[str, NDArray[Any]]) -> Change:
     """Describe how the rejected points of a LAS file are marked."""
-    rejected = judged.verdict.rejected
-    if judged.options.mark == WITHHELD:
+    rejected, options = judged.verdict.rejected, judged.options
+    if options.old_class:
+        classes = cloud_file.filled(judged.loaded.more[CLASSIFICATION]).astype(np.uint8)
+        added = {OLD_CLASS: classes, **added}
+    if options.mark == COLUMN:
+        return Change(added={OUTLIER: rejected.astype(np.uint8), **added})
+    if options.mark == WITHHELD:
         return Change(withheld=rejected, added=added)
-    if judged.options.mark == CLASS:
-        return Change(noise=rejected, added=added)
+    if options.mark == CLASS:
+        return Change(noise=rejected, code=options.mark_class, added=added)
     high = np.zeros(len(rejected), np.bool_)
     high[rejected] = judged.high
     return Change(noise=rejected & ~high, high=high, added=added)

@@ -39,6 +39,7 @@ FORMATS = {
 SUFFIXES = tuple(FORMATS)
 # Clouds in formats that are not read: each in a folder is a failure, not passed over.
 UNREAD_SUFFIXES = ('.pts', '.xyzi', '.xyzrgb', '.zlas', '.fls', '.zfs', '.rxp', '.rdbx')
+LOW_NOISE, MAX_CLASS = 7, 255  # ASPRS classes: low point, noise; the largest number
 COPC = '.copc.laz'  # LAZ with an octree
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
 
@@ -52,7 +53,8 @@ class Change:
     keep : (N,) bool or None
         The points of the copy; None: all.
     noise : (N,) bool or None
-        The points whose classification becomes 7, low noise; only where the format has classes.
+        The points whose classification becomes ``code``; only where the format has classes.
+    code : 7, low noise, or another class
     high : (N,) bool or None
         Those whose classification becomes 18, high noise; likewise.
     withheld : (N,) bool or None
@@ -64,6 +66,7 @@ class Change:
 
     keep: Bools | None = None
     noise: Bools | None = None
+    code: int = LOW_NOISE
     high: Bools | None = None
     withheld: Bools | None = None
     added: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -85,6 +88,7 @@ class CloudFile(Protocol):
     ----------
     columns : the columns with one number per point, and their types, in file order
     classes : whether points have a classification
+    max_class : the largest number of a class
     gaps : whether points left out of a copy become missing returns, to keep the grid; columns
         cannot be added then
     whole : why points cannot be left out of a copy; empty if they can
@@ -100,6 +104,7 @@ class CloudFile(Protocol):
     path: Path
     columns: Mapping[str, np.dtype[Any]]
     classes: bool = False
+    max_class: int = MAX_CLASS
     gaps: bool = False
     whole: str = ''
     crs: str = ''

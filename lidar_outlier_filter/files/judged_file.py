@@ -25,15 +25,14 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
 from lidar_outlier_filter.files.beside import read_beside
-from lidar_outlier_filter.files.cloud_file import CloudFile
+from lidar_outlier_filter.files.cloud_file import LOW_NOISE, MAX_CLASS, CloudFile
 from lidar_outlier_filter.files.points import Loaded
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
-CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are marked
+CLASS, NOISE, WITHHELD, COLUMN = 'class', 'noise', 'withheld', 'column'  # marks of LAS points
 UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'ft': 0.3048, 'us-ft': 1200 / 3937}  # metres
 STRIP = 'point_source_id'
-MAX_CLASS = 255
 
 
 @dataclass(frozen=True)
@@ -46,13 +45,12 @@ class CleanOptions:
         'separate': the same, and a file with the rejected ones
     coordinates : two or three columns; empty: x, y and z
     table : the table of a database; None: the only one
-    tile : 0: the cloud is judged in memory; else in files, and by ``quadric`` in square tiles of
-        this side, metres
-    mark : 'class': rejected LAS points become class 7; 'noise': 7 below, 18
-        above the kept points around; 'withheld': they get this flag
+    tile : 0: judged in memory; else in files, by ``quadric`` in tiles of this side, metres
+    mark : 'class': rejected LAS points become class 7, or ``mark_class``; 'noise': 7 below, 18
+        above the kept points around; 'withheld': they get this flag; 'column': ``outlier`` is added
+    old_class : whether a column ``old_class`` is added to LAS, by which marks can be undone
     strips : whether the points of each ``point_source_id`` are judged separately
-    only, keep : LAS classes; points of classes other than ``only``, and of ``keep``, stay as they
-        are
+    only, keep : LAS classes; points of others than ``only``, and of ``keep``, stay as they are
     ignore : LAS classes; their points stay as they are, and are not neighbours of others
     dry : whether nothing is written
     unit : of the coordinates, one of ``UNITS``; None: as the file says
@@ -67,6 +65,8 @@ class CleanOptions:
     table: str | None = None
     tile: float = 0.0
     mark: str = CLASS
+    mark_class: int = LOW_NOISE
+    old_class: bool = False
     strips: bool = False
     only: Sequence[int] = ()
     keep: Sequence[int] = ()

@@ -40,7 +40,8 @@ from lidar_outlier_filter.files.las_header import (
     read_records,
 )
 
-LOW_NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
+HIGH_NOISE = 18  # ASPRS: high point, noise
+_FEW_CLASSES, _MAX_OF_FEW = range(6), 31  # point formats with 5 bits for a class
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 _DESCRIBED = ('LASF_Spec', EXTRA_BYTES)
 _HEAD_BYTES = 54  # of a record
@@ -94,6 +95,8 @@ class LasFile(CloudFile):
         else:
             check_las_points(path, self._count)
         self._wkt = bool(header.global_encoding.wkt)
+        if header.point_format.id in _FEW_CLASSES:
+            self.max_class = _MAX_OF_FEW
         self.about = {'LAS': f'{header.version}', 'point format': f'{header.point_format.id}'}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),
@@ -312,7 +315,7 @@ def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:
     """Return the points of a chunk, changed."""
     if change.noise is not None or change.high is not None:
         classes = np.array(points.classification)
-        for some, number in ((change.noise, LOW_NOISE), (change.high, HIGH_NOISE)):
+        for some, number in ((change.noise, change.code), (change.high, HIGH_NOISE)):
             if some is not None:
                 classes[some[part]] = number
         points.classification = classes

@@ -264,7 +264,7 @@ def test_bar_of_a_file_that_is_markup(tmp_path: Path) -> None:
         ('clean --keep', {'--keep-classes'}),
         ('replay a --set sor.mult', {'sor.multiplier='}),
         ('clean a --chain sor,lo', {'sor,lof'}),
-        ('clean a --mark ', {'class', 'noise', 'withheld'}),
+        ('clean a --mark ', {'class', 'noise', 'withheld', 'column'}),
         ('info dr', {'drive_a/', 'drive_b.mcap'}),
     ],
 )

@@ -33,6 +33,9 @@ REFUSED = {
     'clean a.laz --keep-classes 300': 'a class must be from 0 to 255, got 300',
     'clean a.laz --jobs 0': '--jobs must be at least 1, got 0',
     'clean a.laz --rejected remove --mark noise': 'how rejected points are marked must be',
+    'clean a.laz --rejected remove --old-class': 'the column of old classes must be left out',
+    'clean a.laz --mark noise --mark-class 9': 'the class of rejected points must be 7, unless',
+    'clean a.laz --mark-class 256': 'the class of rejected points must be from 0 to ',
     'clean a.laz --output b.copc.laz': 'must be LAZ without an octree, as the file',
     # Recordings
     'replay drive --topic /nowhere': "a topic to filter must be one of /lidar, got '/nowhere'",

@@ -54,6 +54,8 @@ def cloud(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ([], 7, 7, 0),
         (['--mark', 'noise'], 7, 18, 0),
         (['--mark', 'withheld'], 1, 1, 1),
+        (['--mark-class', '65'], 65, 65, 0),
+        (['--mark', 'column'], 1, 1, 0),
         (['--keep-classes', '1'], 1, 1, 0),
         (['--only-classes', '2,3'], 1, 1, 0),
         (['--only-classes', '1'], 7, 7, 0),
@@ -70,6 +72,26 @@ def test_marks_and_classes(
     assert flag[[LOW, BIRD]].tolist() == [withheld, withheld]
     assert flag.sum() == 2 * withheld
     assert (np.delete(classes, [LOW, BIRD]) == 2).all()
+
+
+def test_undo(cloud: Path) -> None:
+    """By the old classes, and without the column of them, the points are those of the file."""
+    before = laspy.read(cloud)
+    before.classification[:] = np.arange(1500) % 256
+    before.write(cloud)
+    for mark in (['--mark', 'noise'], ['--mark-class', '200'], ['--mark', 'column']):
+        output = cloud.with_name(f'{mark[-1]}.las')
+        arguments = ['clean', str(cloud), '--old-class', '--chain', 'sor', '--output', str(output)]
+        assert main([*arguments, *mark]) == 0
+        after = laspy.read(output)
+        if mark[-1] == 'column':
+            assert set(np.flatnonzero(after.outlier)) >= {BIRD, LOW}
+            after.remove_extra_dim('outlier')
+        else:
+            assert (after.classification != before.classification).any()
+        after.classification = after.old_class
+        after.remove_extra_dim('old_class')
+        assert after.points.array.tobytes() == before.points.array.tobytes()
 
 
 def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
