@@ -68,15 +68,15 @@ class Octree:
                 self._data = record.record_data_bytes()
                 break
             self._at += len(record.record_data_bytes())
-        places, entries = self._read_pages(path)
+        starts, entries = self._read_pages(path)
         if (entries['count'] < _PAGE).any():
             raise CloudError(
                 f'the points of a node of {path}', 'at least 0', entries['count'].min()
             )
-        self._pages = places[entries['count'] == _PAGE]
+        self._pages = starts[entries['count'] == _PAGE]
         some = np.flatnonzero(entries['count'] > 0)
         some = some[np.argsort(entries['offset'][some], kind='stable')]
-        self._nodes, nodes = places[some], entries[some]
+        self._nodes, nodes = starts[some], entries[some]
         self.counts = nodes['count'].astype(np.int64)
         begin, total = number(header, 96, 4), number(header, 247, 8)
         sizes = nodes['bytes'].astype(np.int64)
@@ -93,7 +93,7 @@ class Octree:
     def _read_pages(self, path: Path) -> tuple[NDArray[np.int64], NDArray[np.void]]:
         """Return all entries, and where each is in the record; each byte is read once at most."""
         read = np.zeros(len(self._data), np.bool_)
-        places, entries = [np.empty(0, np.int64)], [np.empty(0, _ENTRY)]
+        starts, entries = [np.empty(0, np.int64)], [np.empty(0, _ENTRY)]
         pages, end = [self._root], self._at + len(self._data)
         while pages:
             offset, size = pages.pop()
@@ -105,11 +105,11 @@ class Octree:
                 got = f'{size} bytes at byte {offset}'
                 raise CloudError(f'a page of the octree of {path}', must_be, got)
             read[part] = True
-            places.append(np.arange(part.start, part.stop, _ENTRY.itemsize))
+            starts.append(np.arange(part.start, part.stop, _ENTRY.itemsize))
             entries.append(np.frombuffer(self._data[part], _ENTRY))
             more = entries[-1][entries[-1]['count'] == _PAGE]
             pages += zip(more['offset'].tolist(), more['bytes'].tolist(), strict=True)
-        return np.concatenate(places), np.concatenate(entries)
+        return np.concatenate(starts), np.concatenate(entries)
 
     def kept(self, keep: Bools | None) -> NDArray[np.int64]:
         """Count the points of each node in a copy."""
@@ -135,14 +135,14 @@ class Octree:
         chunks = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip))
         sizes = iter([size for count, size in chunks if count])
         data, offset, shift = bytearray(self._data), begin + _TABLE_BYTES, extended - self._extended
-        for place, count in zip(self._nodes.tolist(), counts.tolist(), strict=True):
+        for start, count in zip(self._nodes.tolist(), counts.tolist(), strict=True):
             # A node without points has no chunk.
             size = next(sizes) if count else 0
-            _CHUNK.pack_into(data, place + _CHUNK_AT, offset if count else 0, size, count)
+            _CHUNK.pack_into(data, start + _CHUNK_AT, offset if count else 0, size, count)
             offset += size
-        for place in self._pages.tolist():
-            known, *rest = _CHUNK.unpack_from(data, place + _CHUNK_AT)
-            _CHUNK.pack_into(data, place + _CHUNK_AT, known + shift, *rest)
+        for start in self._pages.tolist():
+            known, *rest = _CHUNK.unpack_from(data, start + _CHUNK_AT)
+            _CHUNK.pack_into(data, start + _CHUNK_AT, known + shift, *rest)
         stream.seek(self._at + shift)
         stream.write(data)
         stream.seek(_INFO_AT + _ROOT_AT)
