@@ -274,8 +274,8 @@ EXTRAS = (
     *('psutil', 'pyarrow', 'pye57', 'pyproj', 'sklearn'),
 )
 NEED_EXTRAS = {
-    *('evaluation.plots', 'files.e57', 'files.las', 'files.las_header', 'files.parquet'),
-    *('files.pcd', 'report.figures'),
+    *('evaluation.plots', 'files.copc', 'files.e57', 'files.las', 'files.las_header'),
+    *('files.parquet', 'files.pcd', 'report.figures'),
 }
 IMPORT_ALL = f"""
 import importlib, pkgutil, sys
