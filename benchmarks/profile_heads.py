@@ -56,7 +56,7 @@ ROAD_GHOST = 'mirrored by the road'
 MIN_POINTS = 20  # of a cause, or good ones of an object; fewer show no share
 
 
-class Counted(NamedTuple):
+class HeadReturns(NamedTuple):
     """What a head measured: points in the map, their truth, and how it drove."""
 
     drive: Drive
@@ -76,7 +76,7 @@ def sunken(seed: int) -> Drive:
 STREETS = {'avenue': avenue, 'suburb': suburb, 'sunken': sunken}
 
 
-def measure(name: str, seed: int, head: str) -> Counted:
+def measure(name: str, seed: int, head: str) -> HeadReturns:
     """Let a head look at a street."""
     drive = STREETS[name](seed)
     rate = RATES[seed % len(RATES)]
@@ -89,10 +89,12 @@ def measure(name: str, seed: int, head: str) -> Counted:
     )
     drive = replace(drive, sensor=sensor, lines=round(rate * SECONDS), seed=seed + len(head))
     points, rows = measured_rows(drive, echoes=2)
-    return Counted(drive, points, rows['label'].astype(np.int64), rows['surface'].astype(np.int64))
+    return HeadReturns(
+        drive, points, rows['label'].astype(np.int64), rows['surface'].astype(np.int64)
+    )
 
 
-def in_frame(seen: Counted, frame: str) -> Points:
+def in_frame(seen: HeadReturns, frame: str) -> Points:
     """Return the points of a head in a frame."""
     points, (position, rotation, mount) = seen.points, _poses(seen, seen.points.t)
     if frame == MAP:
@@ -111,7 +113,7 @@ def in_frame(seen: Counted, frame: str) -> Points:
     return moved
 
 
-def _poses(seen: Counted, t: Ints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _poses(seen: HeadReturns, t: Ints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return position (3, N) and rotation (3, 3, N) of the vehicle, and where the head is on it."""
     seconds, way = t / SECOND, seen.drive.trajectory
     return way.position(seconds), way.rotation(seconds), np.array(way.mount)
@@ -132,7 +134,7 @@ class Tally:
         self.counts: dict[str, dict[tuple[str, str], list[int]]] = {}
         self.f1: dict[tuple[str, str], list[float]] = {}
 
-    def add(self, seen: Counted, cell: tuple[str, str], rejected: Bools) -> None:
+    def add(self, seen: HeadReturns, cell: tuple[str, str], rejected: Bools) -> None:
         """Count a cloud."""
         for what, mask in named(seen):
             of = self.counts.setdefault(what, {}).setdefault(cell, [0, 0])
@@ -155,7 +157,7 @@ class Tally:
         yield ['… of the worst quarter', '', *worst]
 
 
-def named(seen: Counted) -> Iterator[tuple[str, Bools]]:
+def named(seen: HeadReturns) -> Iterator[tuple[str, Bools]]:
     """Name what points are, and choose them."""
     below = (seen.cause == Cause.REFLECTION) & (seen.points.xyz[:, 2] < BELOW)
     yield f'found: {ROAD_GHOST}', below

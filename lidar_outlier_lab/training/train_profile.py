@@ -44,7 +44,7 @@ RECIPE = SceneRecipe(
     limits=np.arange(0, 61) / 10.0,
     most_lost=2e-4,
     doubtful=-1.0,
-    bad_counts={Cause.MIXED: 0.5, Cause.BARRIER: 3.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
+    bad_counts={Cause.MIXED: 0.5, Cause.BARRIER: 2.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
 )
 
 

@@ -278,9 +278,9 @@ def test_heights_equal_naive(lost: float) -> None:
 def test_mirror_images_below_a_road() -> None:
     """A road mirrors a few of its returns down to where the walls would be; a pit is no image."""
     drive = Drive(10, 0.02, lines=20, shots=800, strays=0.0)
-    road = (np.abs(drive.points.xyz[:, 2]) < 0.05) & (np.abs(drive.points.xyz[:, 1]) > 1.0)
+    road = (np.abs(drive.points.xyz[:, 2]) < 0.05) & (np.abs(drive.points.xyz[:, 1]) > 2.5)
     mirrored = road & (np.random.default_rng(3).random(len(road)) < 0.02)
-    points = drive.measured(np.where(mirrored, 1.7 * drive.far, drive.far))
+    points = drive.measured(np.where(mirrored, 2.2 * drive.far, drive.far))
     rejected = scores(points) > 1
     assert rejected[mirrored].mean() > 0.8
     assert rejected[~mirrored].mean() < 0.001
