@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// Features of profile scanners alone: predictions by pairs of returns, free groups, and heights. See
-// profile_features.py for the method. Textbook twins: test/naive/{profile_pattern,survey}.py.
+// Features of profile scanners alone: predictions by pairs of returns, free groups, and heights.
+// See profile_features.py for the method. Textbook twins: test/naive/{profile_pattern,survey}.py.
 #pragma once
 
 #include <algorithm>
