@@ -390,8 +390,9 @@ def test_only_the_packages_own_are_here() -> None:
 
 def test_declarations_agree_with_the_parameters() -> None:
     """Names, sections, thresholds and searches of all detectors are those of the parameters."""
-    assert tuple(DETECTORS) == describe()[1].choices
-    names = {item.name for item in describe()}
+    items = {item.name: item for item in describe()}
+    assert tuple(DETECTORS) == items['chain'].choices
+    names = set(items)
     for name, detector in DETECTORS.items():
         assert detector.name == name
         assert {item.name for item in walk(detector.section, f'{name}.')} <= names
