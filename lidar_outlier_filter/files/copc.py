@@ -24,10 +24,9 @@ from lidar_outlier_filter.files.las_header import MAX_HEADER_BYTES, LasRecord, n
 from lidar_outlier_filter.files.unpack_laz import checksum
 
 USER, INFO, HIERARCHY = 'copc', 1, 1000  # numbers of records
-_INFO_AT, _INFO_BYTES = MAX_HEADER_BYTES + 54, 160  # behind the header and the head of the record
+_INFO_BYTES = 160
 _ROOT = struct.Struct('<QQ')  # offset and bytes of the root page
 _ROOT_AT = 40  # its offset in the info
-_EVLR_HEAD_BYTES = 60
 _POINT_FORMATS = (6, 7, 8)
 _PAGE = -1  # count of an entry that is another page
 _TABLE_BYTES = 8  # before the first chunk: the offset of the table of chunks
@@ -46,28 +45,30 @@ class Octree:
 
     """
 
-    def __init__(self, path: Path, records: Sequence[LasRecord], extended: int) -> None:
+    def __init__(
+        self, path: Path, header: bytes, info: LasRecord, records: Sequence[LasRecord]
+    ) -> None:
         """Read and check all pages.
 
         Parameters
         ----------
         path : of the file
+        header : its first bytes
+        info : the record that says where the root page is
         records : those behind the points
-        extended : where these begin, bytes
 
         """
-        with path.open('rb') as stream:
-            header = stream.read(_INFO_AT + _INFO_BYTES)
-        self._root = _ROOT.unpack_from(header, _INFO_AT + _ROOT_AT)
+        self._info_at = info.at
+        self._root = _ROOT.unpack_from(info.record_data_bytes(), _ROOT_AT)
         if header[104] & 63 not in _POINT_FORMATS:
             raise CloudError(f'the point format of {path}', 'from 6 to 8 in COPC', header[104] & 63)
-        self._data, self._at, self._extended = b'', extended, extended
+        # Where the records behind the points begin, or the file ends.
+        self._extended = number(header, 235, 8) if records else path.stat().st_size
+        self._data, self._at = b'', self._extended
         for record in records:
-            self._at += _EVLR_HEAD_BYTES
             if (record.user_id, record.record_id) == (USER, HIERARCHY):
-                self._data = record.record_data_bytes()
+                self._data, self._at = record.record_data_bytes(), record.at
                 break
-            self._at += len(record.record_data_bytes())
         starts, entries = self._read_pages(path)
         if (entries['count'] < _PAGE).any():
             raise CloudError(
@@ -81,7 +82,8 @@ class Octree:
         begin, total = number(header, 96, 4), number(header, 247, 8)
         sizes = nodes['bytes'].astype(np.int64)
         ends = begin + _TABLE_BYTES + np.cumsum(sizes)
-        wrong = (sizes <= 0) | (ends > extended) | (nodes['offset'] != (ends - sizes).astype('u8'))
+        wrong = (sizes <= 0) | (ends > self._extended)
+        wrong |= nodes['offset'] != (ends - sizes).astype('u8')
         if wrong.any():
             key = '-'.join(map(str, nodes['key'][np.argmax(wrong)]))
             must_be = 'behind those of the node before, before the records'
@@ -145,7 +147,7 @@ class Octree:
             _CHUNK.pack_into(data, start + _CHUNK_AT, known + shift, *rest)
         stream.seek(self._at + shift)
         stream.write(data)
-        stream.seek(_INFO_AT + _ROOT_AT)
+        stream.seek(self._info_at + _ROOT_AT)
         stream.write(_ROOT.pack(self._root[0] + shift, self._root[1]))
 
 
@@ -160,7 +162,7 @@ def read_octree(
         return None
     if number(header, 94, 2) != MAX_HEADER_BYTES or len(one.record_data_bytes()) != _INFO_BYTES:
         return None
-    return Octree(path, evlrs, number(header, 235, 8) if evlrs else path.stat().st_size)
+    return Octree(path, header, one, evlrs)
 
 
 class NodeBackend:

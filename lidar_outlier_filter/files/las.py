@@ -30,6 +30,7 @@ from lidar_outlier_filter.files import unpack_laz
 from lidar_outlier_filter.files.cloud_file import CHUNK_ROWS, Change, CloudFile, is_copc
 from lidar_outlier_filter.files.copc import NodeBackend, Octree, read_octree
 from lidar_outlier_filter.files.las_header import (
+    HEAD_BYTES,
     MAX_HEADER_BYTES,
     USER,
     LasRecord,
@@ -44,7 +45,6 @@ HIGH_NOISE = 18  # ASPRS: high point, noise
 _FEW_CLASSES, _MAX_OF_FEW = range(6), 31  # point formats with 5 bits for a class
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 _DESCRIBED = ('LASF_Spec', EXTRA_BYTES)
-_HEAD_BYTES = 54  # of a record
 # Of the description of an extra dimension (LAS 1.4, table 24): all its bytes, where its options,
 # least and largest value lie, and the options that say that both are known.
 _DIMENSION_BYTES, _OPTIONS, _LEAST, _LARGEST, _HAS_LIMITS = 192, 3, 64, 88, 2 | 4
@@ -215,7 +215,7 @@ class LasFile(CloudFile):
                 stream.write(record.head)
                 offset += len(record.head) + len(record.record_data)  # noqa: PLW2901
             if some is records[0] and change.added:
-                self._describe(stream, offset + _HEAD_BYTES, change)
+                self._describe(stream, offset + HEAD_BYTES, change)
 
     def _describe(self, stream: BinaryIO, offset: int, change: Change) -> None:
         """Describe the extra dimensions in a record of laspy: the file's own as they were."""

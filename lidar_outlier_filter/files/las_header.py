@@ -28,6 +28,7 @@ MAX_HEADER_BYTES = 375  # bytes of a header that are read
 MIN_HEADER_BYTES = 227  # bytes of a header of LAS 1.0 to 1.2
 _BOX = 179  # offset, bytes: greatest x, least x, greatest y, least y
 _VLR = struct.Struct('<H16sHH32s')
+HEAD_BYTES = _VLR.size  # of a record before the points
 _EVLR = struct.Struct('<H16sHQ32s')
 _MAX_UNITS = 2**31  # units that a coordinate may have
 
@@ -45,6 +46,7 @@ class LasRecord(VLR):  # type: ignore[misc]  # laspy has no types
     """A (extended) variable length record, whose head stays as it is in the file."""
 
     head = b''
+    at = 0  # where its data begin in the file, bytes
 
 
 def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
@@ -95,7 +97,7 @@ def _chain(
         check_fits(path, 'the bytes in a record', length, 1, end - offset)
         text = user.split(b'\0')[0].decode('ascii', 'ignore')
         records.append(LasRecord(text, name, '', stream.read(length)))
-        records[-1].head = head
+        records[-1].head, records[-1].at = head, offset
         offset += length
     return records
 

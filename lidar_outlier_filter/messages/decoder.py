@@ -239,9 +239,10 @@ class Decoder:
 
     def _of_scan(self) -> Convention:
         """Return how scans are read: nothing is to be found, and each is a scan line."""
-        text = 'scans have no room for scores, which are left out'
+        has_scores = self.parameters.scores
+        warning = 'scans have no room for scores, which are left out' if has_scores else ''
         return self._with_rings(
-            Convention(TIME_FIELD, TIME_UNIT, False, SCAN, None, text * self.parameters.scores)  # noqa: FBT003
+            Convention(TIME_FIELD, TIME_UNIT, False, SCAN, None, warning)  # noqa: FBT003
         )
 
     def _with_rings(self, found: Convention) -> Convention:

@@ -11,6 +11,7 @@ CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'point_cloud_interfaces/msg/CompressedPointCloud2'
 SCAN = 'sensor_msgs/msg/LaserScan'
 MULTI_ECHO = 'sensor_msgs/msg/MultiEchoLaserScan'
+SCANS = (SCAN, MULTI_ECHO)
 ODOMETRY = 'nav_msgs/msg/Odometry'
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic

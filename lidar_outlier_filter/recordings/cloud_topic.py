@@ -28,9 +28,8 @@ from lidar_outlier_filter.pipeline.tf import DYNAMIC, STATIC, pose_source
 from lidar_outlier_filter.pipeline.topics import (
     CLOUD,
     COMPRESSED,
-    MULTI_ECHO,
     ODOMETRY,
-    SCAN,
+    SCANS,
     TRANSFORMS,
     output_topics,
     resolve,
@@ -38,7 +37,6 @@ from lidar_outlier_filter.pipeline.topics import (
 from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.channels import known_types, unchanged_definition
 
-SCANS = {SCAN, MULTI_ECHO}
 MAX_SENTENCES = 50  # of refusals that are kept
 MAX_TIME_NS = 2**63 - 1  # ns
 GAP_MEDIANS = 2.0  # median distances: messages are missing in a longer one
@@ -310,7 +308,7 @@ def cloud_topics(source: Recording, *, scans: bool = False) -> dict[str, Topic]:
 
     With ``scans``, those of 2-D scanners, too.
     """
-    kinds = {CLOUD, COMPRESSED} | (SCANS if scans else set())
+    kinds = {CLOUD, COMPRESSED, *(SCANS if scans else ())}
     found = {one.name: one for one in source.topics if one.msgtype in kinds}
     return {
         name: topic

@@ -19,6 +19,7 @@ from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import SCANS
 from lidar_outlier_filter.recordings.bags import Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import (
     CloudTopic,
@@ -165,7 +166,7 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
     for _, time, data in messages:
         if not cloud.fields:
             with suppress(CloudError):  # the filter counts it
-                _describe(cloud, read_cloud(topic, data))
+                _describe(cloud, topic, read_cloud(topic, data))
         began = perf_counter()
         stream.feed(time, data)
         cloud.seconds += perf_counter() - began
@@ -176,9 +177,9 @@ def _judge(topic: Topic, cloud: CloudInfo, messages: Iterable[tuple[Topic, int, 
     cloud.found = [text.removeprefix(prefix) for text in cloud.found]
 
 
-def _describe(cloud: CloudInfo, msg: Any) -> None:
+def _describe(cloud: CloudInfo, topic: Topic, msg: Any) -> None:
     cloud.frame = str(msg.header.frame_id)
-    if hasattr(msg, 'ranges'):  # a scan
+    if topic.msgtype in SCANS:
         names = ('ranges', 'intensities')[: 1 + bool(len(msg.intensities))]
         cloud.shape, cloud.step = (1, len(msg.ranges)), len(names) * np.dtype(np.float32).itemsize
         cloud.fields = tuple(f'{name} float32' for name in names)

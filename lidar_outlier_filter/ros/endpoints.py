@@ -24,11 +24,17 @@ from std_msgs.msg import String
 from lidar_outlier_filter.errors import CloudError, quote_error
 from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-from lidar_outlier_filter.pipeline.topics import CLOUD, COMPRESSED, output_topics
+from lidar_outlier_filter.pipeline.topics import (
+    CLOUD,
+    COMPRESSED,
+    MULTI_ECHO,
+    SCAN,
+    output_topics,
+)
 
 # Names that a launch may remap instead of `points` and its outputs
 INPUT, OUTPUTS = '~/input', ('~/output', '~/outliers')
-SCANS = {'LaserScan': LaserScan, 'MultiEchoLaserScan': MultiEchoLaserScan}
+SCANS = {SCAN: LaserScan, MULTI_ECHO: MultiEchoLaserScan}
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
 
@@ -117,9 +123,10 @@ def input_type(topic: str, name: str) -> InputType:
 
     A topic of point_cloud_transport is named after the format; without its messages it is plain.
     """
-    if name in SCANS:
-        kind = SCANS[name]
-        return InputType(kind, f'sensor_msgs/msg/{name}', kind, partial(_by_rclpy, kind=kind))
+    full = f'sensor_msgs/msg/{name}'
+    if full in SCANS:
+        kind = SCANS[full]
+        return InputType(kind, full, kind, partial(_by_rclpy, kind=kind))
     if topic.rpartition('/')[2] in FORMATS:
         with suppress(ImportError):
             kind = importlib.import_module('point_cloud_interfaces.msg').CompressedPointCloud2

@@ -36,7 +36,7 @@ from lidar_outlier_lab.simulation.world.trajectory import Route
 
 STREAM = 1701  # of random numbers, which no preset uses
 SHOTS = 150_000  # about: four of five have an echo
-SHORTEST, SHORTEST_DENSE = 0.6, 0.3  # seconds; of lines of DENSE shots and more
+SHORTEST, SHORTEST_DENSE = 0.6, 0.3  # seconds; of lines of more than DENSE shots
 DENSE = 2000
 # Lines per second, and shots per line.
 SCANNERS = (
@@ -154,7 +154,7 @@ def _air(way: float, rng: np.random.Generator) -> tuple[Air, ...]:
     lanes = (LANES[0], LANES[0], LANES[1])
     cause = Cause.SNOW if rng.random() < SNOW else Cause.RAIN
     fall = ThinFall(cause, 10 ** rng.uniform(-3.5, -1.8), rng.uniform(4.0, 15.0))
-    exhausts = tuple(
+    found: list[Air] = [
         puff
         for _ in positions
         for puff in exhaust(
@@ -163,8 +163,7 @@ def _air(way: float, rng: np.random.Generator) -> tuple[Air, ...]:
             rng,
             rng.uniform(0.8, 2.6),
         )
-    )
-    found: list[Air] = [*exhausts]
+    ]
     if rng.random() < FALLS:
         found.append(fall)
     if rng.random() < SUN:

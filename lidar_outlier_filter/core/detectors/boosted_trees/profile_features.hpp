@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Features of profile scanners alone: predictions by pairs of returns, free groups, and heights.
-// See profile_features.py for the method. Textbook twins: test/naive/{profile_pattern,survey}.py.
+// See profile_features.py for the method. Naive twins:
+// test/naive/{profile_pattern,groups,survey}.py.
 #pragma once
 
 #include <algorithm>
