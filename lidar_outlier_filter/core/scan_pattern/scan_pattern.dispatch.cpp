@@ -21,8 +21,7 @@ constexpr Index SAMPLES = 64;  // returns of a ring that show its elevation, its
 // Parts of a rad that phases are rounded to, and a turn in them: so differences of phases are exact
 // for half a million turns, and a turn is judged alike whenever it is.
 constexpr double PHASE_PARTS = 1U << 30U;
-constexpr double WHOLE_TURN =
-    static_cast<double>(static_cast<Index>(TURN * PHASE_PARTS + 0.5)) / PHASE_PARTS;
+constexpr double WHOLE_TURN = 6746518852.0 / PHASE_PARTS;  // the nearest to TURN
 
 double wrap(double angle) {
     return angle - TURN * std::rint(angle / TURN);

@@ -27,9 +27,9 @@ struct Prepared {
 };
 
 inline constexpr int OWN = 5, OTHER = 3;  // returns on either side: in its ring, in those beside it
-inline constexpr int RINGS = 2;           // rings above, and below
+inline constexpr Index RINGS = 2;         // rings above, and below
 inline constexpr int AROUND = 2 * OTHER + 1;
-inline constexpr int SIZE = 2 * OWN + 2 * RINGS * AROUND;  // returns of a window
+inline constexpr int SIZE = 2 * OWN + static_cast<int>(2 * RINGS) * AROUND;  // returns of a window
 inline constexpr int STRETCH = 24;  // positions on either side: the reach of windows along a line
 inline constexpr int PAD = 32 + STRETCH;  // positions without a point around each line
 inline constexpr float REACH_OWN = 10, REACH_OTHER = 6;  // steps up to which returns count

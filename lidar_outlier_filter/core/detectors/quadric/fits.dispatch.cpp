@@ -31,7 +31,7 @@ constexpr double CONVERGED = 1e-6;  // largest change of a parameter
 
 // Returns how many registers hold the first elements of a row.
 constexpr int registers(int elements) {
-    return (elements + DOUBLES - 1) / DOUBLES;
+    return static_cast<int>((elements + DOUBLES - 1) / DOUBLES);
 }
 
 // Adds a multiple of a row to another one: of the first SIZE elements, and what is beside them.

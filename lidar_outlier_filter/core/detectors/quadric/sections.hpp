@@ -60,7 +60,7 @@ public:
             const Wides within = (low_[k] <= values) & (values <= high_[k]);
             std::memcpy(each + k * DOUBLES, &within, sizeof within);
         }
-        for (int k = 0; k < DOUBLES; ++k) {
+        for (Index k = 0; k < DOUBLES; ++k) {
             inside[k] = each[3 * k] & each[3 * k + 1] & each[3 * k + 2] & 1;
         }
     }
