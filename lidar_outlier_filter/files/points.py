@@ -33,6 +33,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
 SCAN, GRID = 'scan', ('column', 'row')  # of E57
+MAX_TABLE = 1 << 20  # entries of a table of numbers, far fewer than points whose sorting takes long
 GRID_SHOT_NS = 1000  # between rows of a grid: how long a shot took is not known
 
 
@@ -284,8 +285,7 @@ def _grid(file: CloudFile, columns: Columns) -> tuple[Ints, Ints] | None:
         scan, column, row = (
             cloud_file.filled(columns[name]).astype(np.int64) for name in (SCAN, *GRID)
         )
-        line = np.unique(np.stack([scan, column]), axis=1, return_inverse=True)[1]
-        return line.astype(np.int64).reshape(-1), row - row.min(initial=0)
+        return number_rows([scan, column]), row - row.min(initial=0)
     if not file.grids:
         return None
     rows = np.concatenate([np.tile(np.arange(high), wide) for wide, high in file.grids])
@@ -304,12 +304,29 @@ def _recover_lines(
     if USER_DATA in filled and 1 < len(np.unique(filled[USER_DATA])) <= MAX_HEADS:
         tried.append([*known, filled[USER_DATA]])
     for sources in tried:
-        head = np.unique(np.stack(sources), axis=1, return_inverse=True)[1] if sources else None
-        told_apart = None if head is None else head.astype(np.int64).reshape(-1)
-        settled, decision = settle_lines(replace(points, head=told_apart), claim, period)
+        head = number_rows(sources) if sources else None
+        settled, decision = settle_lines(replace(points, head=head), claim, period)
         if decision.kind in {'turns', 'heads'}:
             return settled, decision.text.removeprefix('scan lines: ')
     return points, ''
+
+
+def number_rows(columns: Sequence[NDArray[Any]]) -> Ints:
+    """Return the numbers of the different rows of columns (N,) in ascending order, (N,)."""
+    row = np.zeros(len(columns[0]), np.int64)
+    for column in columns:
+        number = _number_values(column)
+        row = _number_values(row * (number.max(initial=0) + 1) + number)
+    return row
+
+
+def _number_values(values: NDArray[Any]) -> Ints:
+    """Return the numbers of different values (N,), by a table if their range is small."""
+    low, high = (values.min(), values.max()) if len(values) else (0, 0)
+    if values.dtype.kind not in 'iu' or int(high) - int(low) > MAX_TABLE:
+        return np.unique(values, return_inverse=True)[1].astype(np.int64)
+    place = values.astype(np.int64) - int(low)
+    return (np.cumsum(np.bincount(place) > 0) - 1)[place]
 
 
 def _times(

@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODE
 from lidar_outlier_filter.errors import CloudError, FilterError
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.files.mirror_lines import EDGE, find_lines
-from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
+from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load, number_rows
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -385,3 +385,12 @@ def test_no_scan_lines(tmp_path: Path) -> None:
     assert (found.lines, found.lack) == ('', 'no column that says its scan lines')
     assert not found.points.line.any()
     assert find_lines(np.empty(0, np.int64), {EDGE: np.empty(0)}) == (None, '')
+
+
+@pytest.mark.parametrize('high', [2**7, 2**40, 2**63])
+def test_number_rows(high: int) -> None:
+    """Rows of columns get the numbers that ``np.unique`` gives, in a small range or a large."""
+    generator = np.random.default_rng(1)
+    wide, narrow = generator.integers(-high, high, 999), generator.integers(-3, 3, 999)
+    expected = np.unique(np.stack([wide, narrow]), axis=1, return_inverse=True)[1].reshape(-1)
+    np.testing.assert_array_equal(number_rows([wide, narrow.astype(np.int8)]), expected)
