@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the default finds and loses of two helical heads, on streets that never trained.
 
-    scripts/environment python benchmarks/profile_heads.py [--write] [--seeds 9001 9002 9003 9004]
+    scripts/environment python benchmarks/profile_heads.py [--chains] [--write] [--seeds 9001 9002]
 
 A wet avenue, a dry suburb, and a street with sunken ground beside it, each with second echoes and
 noise of the sun. Each head sees every street for 0.3 s, with 5000 shots a line; what it measured is
 judged in the frame of the map, in its own frame moved by odometry of 100 Hz, and in its own frame
-as it is. The training has other streets, and lines of up to 4000 shots. All take some minutes of
-processor time. ``--write`` puts the table into ``doc/accuracy.md``.
+as it is. The training has other streets, and lines of up to 4000 shots. ``--chains`` judges these
+and streets of ``leslar-*`` by the papers' methods, in the map; ``--write`` writes the page.
 """
 
 # ruff: noqa: INP001, T201  a script, which prints
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,8 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
+from lidar_outlier_lab.results.papers.methods import CLASSIC, VEGETATION
+from lidar_outlier_lab.simulation.papers.surveyed_streets import SURVEYS, plan
 from lidar_outlier_lab.simulation.scenes.mapping_streets import avenue, suburb
 from lidar_outlier_lab.simulation.scenes.random_streets import Town
 from lidar_outlier_lab.simulation.scenes.sunken_ground import lay_out_sunken
@@ -42,17 +45,17 @@ from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 from lidar_outlier_lab.training.held_out import worst_quarter
 from lidar_outlier_lab.training.train_profile import measured_rows
 
-PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'accuracy.md'
-SECTION, COMMAND = 'two heads', 'benchmarks/profile_heads.py --write'
+PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'results' / 'profile_heads.md'
+COMMAND = 'benchmarks/profile_heads.py [--chains] --write'
 SEEDS = (9001, 9002, 9003, 9004)
 SECONDS = 0.3
 YAWS = {'left head': np.radians(45.0), 'right head': -np.radians(45.0)}
 RATES = (200.0, 250.0)  # lines per second, by turns of the seeds
 SHOTS = 5000  # of a line
 FRAMES = MAP, MOVED, OWN = 'map', 'odometry', 'own frame'
+CHAINS = {'classic.yaml': CLASSIC, 'classic_vegetation.yaml': VEGETATION}
 POSE = SECOND // 100  # nanoseconds from one to the next
 BELOW = -0.2  # metres: a mirrored point below the road, which is nowhere lower than 0
-ROAD_GHOST = 'mirrored by the road'
 MIN_POINTS = 20  # of a cause, or good ones of an object; fewer show no share
 
 
@@ -78,20 +81,17 @@ STREETS = {'avenue': avenue, 'suburb': suburb, 'sunken': sunken}
 
 def measure(name: str, seed: int, head: str) -> HeadReturns:
     """Let a head look at a street."""
-    drive = STREETS[name](seed)
-    rate = RATES[seed % len(RATES)]
-    sensor = ProfileScanner(
-        lines_per_second=rate,
-        shots_per_line=SHOTS,
-        yaw=YAWS[head],
-        noise=0.005,
-        numbers_lines=True,
-    )
-    drive = replace(drive, sensor=sensor, lines=round(rate * SECONDS), seed=seed + len(head))
-    points, rows = measured_rows(drive, echoes=2)
-    return HeadReturns(
-        drive, points, rows['label'].astype(np.int64), rows['surface'].astype(np.int64)
-    )
+    if name in SURVEYS:
+        drive = plan(SURVEYS[name], seed)
+        drive = replace(drive, lines=round(drive.sensor.lines_per_second))
+    else:
+        drive, rate = STREETS[name](seed), RATES[seed % len(RATES)]
+        how = {'lines_per_second': rate, 'shots_per_line': SHOTS, 'yaw': YAWS[head]}
+        sensor = ProfileScanner(**how, noise=0.005, numbers_lines=True)
+        drive = replace(drive, sensor=sensor, lines=round(rate * SECONDS), seed=seed + len(head))
+    points, rows = measured_rows(drive, echoes=1 if name in SURVEYS else 2)
+    cause, kind = (rows[name].astype(np.int64) for name in ('label', 'surface'))
+    return HeadReturns(drive, points, cause, kind)
 
 
 def in_frame(seen: HeadReturns, frame: str) -> Points:
@@ -119,9 +119,9 @@ def _poses(seen: HeadReturns, t: Ints) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return way.position(seconds), way.rotation(seconds), np.array(way.mount)
 
 
-def judge(points: Points) -> Bools:
+def judge(points: Points, values: Mapping[str, object]) -> Bools:
     """Judge points as a node does."""
-    blocks: Blocks[StreamCloud] = Blocks(FilterParameters().changed({'blocks': 'time'}))
+    blocks: Blocks[StreamCloud] = Blocks(FilterParameters().changed(values))
     clouds = [*blocks.push(StreamCloud(points)), *blocks.flush()]
     return np.concatenate([cloud.verdict.outlier for cloud in clouds])
 
@@ -144,12 +144,11 @@ class Tally:
 
     def rows(self, cells: list[tuple[str, str]]) -> Iterator[list[str]]:
         """Lay out a row for each cause and object, and of F1."""
+        first = cells[0][1]
         for what in sorted(self.counts, key=lambda name: (name.startswith('lost'), name)):
             counts = [self.counts[what].get(cell, [0, 0]) for cell in cells]
-            some = [
-                percent(part / whole) if whole >= MIN_POINTS else NOTHING for part, whole in counts
-            ]
-            total = sum(self.counts[what].get(cell, [0, 0])[1] for cell in cells if MAP in cell)
+            some = [percent(part / n) if n >= MIN_POINTS else NOTHING for part, n in counts]
+            total = sum(self.counts[what].get(cell, [0, 0])[1] for cell in cells if first in cell)
             yield [what, f'{total:,}', *some]
         means = [f'{np.mean(self.f1[cell]):.3f}' for cell in cells]
         worst = [f'{worst_quarter([np.array(one) for one in self.f1[cell]]):.3f}' for cell in cells]
@@ -160,7 +159,7 @@ class Tally:
 def named(seen: HeadReturns) -> Iterator[tuple[str, Bools]]:
     """Name what points are, and choose them."""
     below = (seen.cause == Cause.REFLECTION) & (seen.points.xyz[:, 2] < BELOW)
-    yield f'found: {ROAD_GHOST}', below
+    yield 'found: mirrored by the road', below
     for cause in np.unique(seen.cause[(seen.cause > 0) & ~below]).tolist():
         name = Cause(cause).name.lower().replace('_', ' ')
         yield f'found: {name}', (seen.cause == cause) & ~below
@@ -173,22 +172,25 @@ def named(seen: HeadReturns) -> Iterator[tuple[str, Bools]]:
 def main() -> None:
     """Judge everything, and print or write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
+    parser.add_argument('--chains', action='store_true', help="judge by the papers' methods")
     parser.add_argument('--write', action='store_true', help='put the table into the page')
     parser.add_argument('--seeds', nargs='+', type=int, default=list(SEEDS), metavar='N')
     options = parser.parse_args()
-    tally = Tally()
+    tally, surveys = Tally(), SURVEYS if options.chains else ()
     for seed in options.seeds:
-        for name in STREETS:
-            for head in YAWS:
-                seen = measure(name, seed, head)
-                for frame in FRAMES:
-                    tally.add(seen, (head, frame), judge(in_frame(seen, frame)))
-                print(name, seed, head, flush=True)
-    cells = [(head, frame) for head in YAWS for frame in FRAMES]
+        for name, head in (*product(STREETS, YAWS), *product(surveys, ['`leslar-*`'])):
+            seen = measure(name, seed, head)
+            for chain, values in CHAINS.items() if options.chains else ():
+                cell = (head if name in SURVEYS else 'two heads', chain)
+                tally.add(seen, cell, judge(seen.points, values))
+            for frame in () if options.chains else FRAMES:
+                tally.add(seen, (head, frame), judge(in_frame(seen, frame), {}))
+            print(name, seed, head, flush=True)
+    cells = list(tally.f1)
     text = table(['', 'points', *(', '.join(cell) for cell in cells)], tally.rows(cells))
     print(text)
     if options.write:
-        write(PAGE, SECTION, text, command=COMMAND)
+        write(PAGE, 'chains' if options.chains else 'two heads', text, command=COMMAND)
 
 
 if __name__ == '__main__':

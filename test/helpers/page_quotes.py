@@ -378,7 +378,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             'README.md',
             'a simulated suburb with hedges it loses {classic lost} good points, among them '
             '{classic foliage exactly} of the foliage; the default loses {default lost}, and '
-            '{default foliage exactly} of the foliage.',
+            '{default foliage exactly} of the foliage. `config/classic_vegetation.yaml` is for '
+            'vegetation: there it loses {vegetation lost}, and {vegetation foliage exactly} of the',
         ),
     ),
     'snow': (

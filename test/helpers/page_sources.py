@@ -28,7 +28,7 @@ from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER
+from lidar_outlier_lab.results.papers.methods import CLASSIC, SMOOTHER, VEGETATION
 from lidar_outlier_lab.simulation.scenes import mapping_streets
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
@@ -48,6 +48,7 @@ REPLAY = 'lidar-outlier-filter replay'
 STREET_FORMS: Mapping[str, Mapping[str, object]] = {
     'default': {},
     'classic': CLASSIC,
+    'vegetation': VEGETATION,
     'smoother': {'chain': ['alpha_beta_gamma']},
     'paper': SMOOTHER,
     'strict': {'boosted_trees.threshold': 0.9},
@@ -138,7 +139,7 @@ def suburb(pages: Pages) -> Figures:
     """Simulate a suburb with hedges, and judge it by the default and by the papers' three."""
     folder = pages.new('suburb')
     record(mapping_streets.suburb(1), folder / 'drive')
-    return _of_forms(folder, ('default', 'classic'))
+    return _of_forms(folder, ('default', 'classic', 'vegetation'))
 
 
 def snow(pages: Pages) -> Figures:

@@ -29,7 +29,7 @@ from lidar_outlier_filter.parameters.yaml_files import (
     read_yaml,
     write_yaml,
 )
-from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
+from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER, VEGETATION
 
 CONFIG = ROOT / 'config'
 FILES = sorted(CONFIG.rglob('*.yaml'))
@@ -197,6 +197,7 @@ def test_files(file: Path) -> None:
     [
         ('leslar2010', SMOOTHER),
         ('classic', CLASSIC),
+        ('classic_vegetation', VEGETATION),
         *((f'papers/{name}', values) for name, values in METHODS.items()),
     ],
 )

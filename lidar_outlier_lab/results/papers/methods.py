@@ -34,6 +34,10 @@ A_PRIORI = 0.2  # metres: with it (a) finds about as much of cloud A as in the p
 
 # `config/classic.yaml`: the papers' three in sequence, with our defaults.
 CLASSIC: Mapping[str, object] = MappingProxyType({'chain': ['alpha_beta_gamma', 'quadric', 'lof']})
+# `config/classic_vegetation.yaml`: thresholds chosen on streets that no table shows.
+VEGETATION: Mapping[str, object] = MappingProxyType(
+    {**CLASSIC, 'alpha_beta_gamma.sigma_floor': 1.5, 'lof.min_pts': 30, 'lof.threshold': 2.5}
+)
 _SMOOTHER: Mapping[str, object] = {**SMOOTHER, 'alpha_beta_gamma.sigma': A_PRIORI}
 _SURFACE: Mapping[str, object] = {
     'quadric.model': 'always',
