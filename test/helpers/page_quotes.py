@@ -103,20 +103,6 @@ STREET_ROWS = {
     '… near the surface': 'near surface',
     '… mixed pixels': 'mixed',
 }
-FOUND = {  # on streets left out of the training
-    'reflections, and images below a wet road': 'reflection',
-    'images behind glass': 'ghost',
-    'noise of the sun': 'single',
-    'dust': 'dust',
-    'spray': 'spray',
-    'birds': 'bird',
-    'snow': 'snow',
-    'rain': 'rain',
-    'exhaust': 'exhaust',
-    'points near a surface': 'near_surface',
-    'arms of barriers': 'barrier',
-    'mixed points': 'mixed',
-}
 PRESETS = {
     'leslar-a': 'wet and cold street, dense exhaust',
     'leslar-b': 'wet street, scattered outliers, barrier arm',
@@ -135,12 +121,8 @@ OTHERS = {
     'Open3D radius(3, 0.5)': 'F1/Open3D radius(3, 0.5)',
     'scikit-learn LOF(20) > 1.2': 'F1/scikit-learn LOF(20) > 1.2',
 }
-CHAINS = {
-    'the default': 'default',
-    '`alpha_beta_gamma`': 'alpha_beta_gamma',
-    '`quadric`': 'quadric',
-}
-CHAINS |= {'`lof`': 'lof', '`sor`': 'sor', '`sor` as DROR': 'sor as DROR'}
+CHAINS = {'the default': 'default', '`alpha_beta_gamma`': 'alpha_beta_gamma'}
+CHAINS |= {'`quadric`': 'quadric', '`lof`': 'lof', '`sor`': 'sor', '`sor` as DROR': 'sor as DROR'}
 CHAINS |= {'`hierarchical`': 'hierarchical', '`elevation`': 'elevation'}
 BOTH, LOST = 'real_snow/Both returns', 'good points lost'
 COUNTS = ('recall', 'precision', 'F1', LOST)
@@ -209,6 +191,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
             *on_page(
                 ACCURACY,
+                'birds, noise |\n| --- | ---: | ---: | ---: | ---: |\n{causes}\n\nPercent of',
                 'F1 is {real_snow/In short/default/both returns} with dual returns',
                 '**Simulated streets**: F1 {tables/The default/preset/street-16/F1} to '
                 '{tables/The default/preset/leslar-a/F1}, above DROR',
@@ -295,8 +278,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                     f'| {title} | {{left {name}}} | {{dark {name}}} | – | – | – |'
                     for title, name in FETCHED.items()
                 ),
-                '| cause | found |\n| --- | ---: |\n'
-                + '\n'.join(f'| {title} | {{profile {name}}} |' for title, name in FOUND.items()),
             ),
             *on_page(
                 'doc/development/default.md',

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,8 @@ import numpy as np
 from helpers import ROOT
 from helpers.page_runs import DATA, Pages
 from lidar_outlier_filter.cli.evaluate import read_recording
+from lidar_outlier_filter.core.detectors.boosted_trees import trees as files_of
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    PATTERN_MODEL,
-    PROFILE_MODEL,
-    read_file,
-)
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES
@@ -37,7 +34,7 @@ from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
 from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     Figures = Mapping[str, str]
@@ -54,6 +51,14 @@ STREET_FORMS: Mapping[str, Mapping[str, object]] = {
     'strict': {'boosted_trees.threshold': 0.9},
     'careful': {'boosted_trees.threshold': 1.1},
 }
+CAUSE_ROWS = (
+    *('snow', 'rain', 'fog', 'spray', 'dust', 'exhaust', 'mirrored by the road', 'ghost'),
+    *('reflection', 'single', 'cluster', 'bird', 'barrier', 'near surface', 'mixed'),
+)
+NAMES = {'heavy_snow': 'snow', 'heavy snow': 'snow', 'ghosts': 'ghost'}
+NAMES |= {'mixed points, ghosts, birds': 'mixed'}
+MODELS = (files_of.PATTERN_MODEL, files_of.PROFILE_MODEL, files_of.SURVEY_MODEL)
+LITTLE, MUCH = 0.5, 0.005  # found, or F1, and lost: worse is bold
 SHORT = 10_000
 WEATHER_NAMES = {'light_snow': 'light snow', 'heavy_snow': 'heavy snow', 'mixed': 'mixed points'}
 
@@ -101,7 +106,43 @@ def tables(_pages: Pages) -> Figures:
                     name = '/'.join(filter(None, (stem, columns[0], title, column)))
                     figures.setdefault(name, cell)
                     figures.setdefault(f'{name}, F1', cell.partition(' ')[0])
-    return figures
+    return figures | {'causes': '\n'.join(_causes(figures))}
+
+
+def _causes(figures: Figures) -> Iterator[str]:
+    """Lay out the worst that each kind of sensor finds and loses, of tables and files of trees."""
+    spinning, profile, survey = (files_of.read_file(model)['held_out'] for model in MODELS)
+    found = [defaultdict[str, list[tuple[float, ...]]](list) for _ in range(4)]
+    for row in figures['profile_heads/The default'].splitlines():
+        shares = [(float(share) / 100,) for share in re.findall(r'([\d.]+) %', row)]
+        found[0][row.split(' | ')[0][2:]] += shares
+    for column, recall in ((0, profile['recall']), (3, survey['recall'])):
+        for cause, share in recall.items():
+            found[column][f'found: {cause.replace("_", " ")}'].append((share,))
+    for weather, one in spinning['weather'].items():
+        found[1][f'found: {NAMES.get(weather, weather)}'].append((one['f1'], one['lost']))
+    for name, text in figures.items():
+        if match := re.fullmatch(r'livox/.*?, (.*)/free', name):
+            one = [float(figure) for figure in re.findall(r'[\d.]+', text)]
+            found[2][f'found: {NAMES.get(match[1], match[1])}'].append((one[0], one[-1] / 100))
+    low, every = figures['surveys/Noise near surfaces/cloud/all/below'].split(' of ')
+    found[3]['found: near surface'].append((int(low) / int(every),))
+    for cause in CAUSE_ROWS:
+        cells = [_worst(kind[f'found: {cause}']) for kind in found]
+        yield f'| {cause} | {" | ".join(cells)} |'
+    heads, dry = max(found[0]['lost: all good points'])[0], max(found[2]['found: dry air'])[1]
+    clean = max(spinning['clean_rejected'].values())
+    lost = (max(heads, profile['lost']), clean, dry, survey['lost'])
+    cells = [f'**{percent(one)}**' if one > MUCH else percent(one) for one in lost]
+    yield f'| good points lost | {" | ".join(cells)} |'
+
+
+def _worst(some: Iterable[tuple[float, ...]]) -> str:
+    """Write the least found, or the least F1 and what is lost then; bold where it is bad."""
+    found, *lost = min(some, default=(np.nan,))
+    text = f'{found:.2f} ({percent(lost[0])})' if lost else f'{100 * found:.0f} %'
+    text = f'**{text}**' if found < LITTLE or max(lost, default=0) > MUCH else text
+    return '–' if np.isnan(found) else text
 
 
 def _short(text: str) -> str:
@@ -186,8 +227,9 @@ def _of_run(recording: Path) -> dict[str, str]:
 
 def trees(_pages: Pages) -> Figures:
     """Read what the file of the trees for spinning sensors says of sensors left out."""
-    held = read_file(PATTERN_MODEL)['held_out']
-    dark, once = held['without_intensity'], read_file(PATTERN_MODEL)['held_out_one_pass']
+    file = files_of.read_file(files_of.PATTERN_MODEL)
+    held, once = file['held_out'], file['held_out_one_pass']
+    dark = held['without_intensity']
     rows = (
         ('both passes', held),
         ('the same, intensities hidden', dark),
@@ -210,8 +252,6 @@ def trees(_pages: Pages) -> Figures:
     figures |= {'least left': percent(left[0]), 'most left': percent(left[-1])}
     figures |= {'least shipped': percent(min(shipped.values()))}
     figures |= {'most shipped': percent(max(shipped.values()))}
-    profile = read_file(PROFILE_MODEL)['held_out']['recall']
-    figures |= {f'profile {cause}': f'{100 * share:.1f} %' for cause, share in profile.items()}
     return figures | {f'shipped {sensor}': percent(share) for sensor, share in shipped.items()}
 
 
