@@ -2,22 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings and files, on this machine or on a store that fsspec opens, such as ``s3://``.
 
-They are found and copied here; small ones are listed, read, written in one step, and removed.
+They are found, listed and copied here, and small ones are read.
 
 Credentials and endpoints of a store are those of fsspec and of its file system.
 """
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from lidar_outlier_filter.disk.new_files import publish, writable
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
-from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached, written
+from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached
 
 State = tuple[int, str]  # bytes, and what changes with the content
 
@@ -203,9 +202,8 @@ def files_below(path: RecordingPath) -> dict[RecordingPath, State]:
             inside = sorted(Path(here, name) for here, _, names in os.walk(path) for name in names)
         states: dict[RecordingPath, State] = {}
         for file in inside:
-            with suppress(FileNotFoundError):  # removed by a run at the same time
-                if file.is_file():
-                    states[file] = file_state(file)
+            if file.is_file():
+                states[file] = file_state(file)
         return states
     with reached(path):
         found = path.system.find(path.key, detail=True)
@@ -233,34 +231,3 @@ def read_all(paths: Iterable[RecordingPath]) -> list[bytes]:
     with reached(remote[0]):
         texts = remote[0].system.cat([path.key for path in remote])
     return [texts[path.key] for path in remote] if isinstance(texts, dict) else [texts]
-
-
-def write(path: RecordingPath, text: str, built: Path, *, is_new: bool = False) -> None:
-    """Write a small file in one step, by way of the hidden folder ``built``.
-
-    One that is new refuses to replace another.
-    """
-    if not isinstance(path, Path):
-        with written(path):
-            path.system.pipe_file(path.key, text.encode())
-        return
-    hidden = built / path.name
-    with writable(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with hidden.open('wb') as stream:
-            stream.write(text.encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-        if is_new:
-            publish(hidden, path)
-        else:
-            hidden.replace(path)
-
-
-def remove(path: RecordingPath) -> None:
-    """Remove a file, if it is there."""
-    with written(path):
-        if isinstance(path, Path):
-            path.unlink(missing_ok=True)
-        elif path.exists():
-            path.system.rm_file(path.key)

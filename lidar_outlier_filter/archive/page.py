@@ -14,8 +14,8 @@ from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
-from lidar_outlier_filter.archive.locations import exists, foreign, read_all, write
-from lidar_outlier_filter.archive.publish import tidy, workshop
+from lidar_outlier_filter.archive.locations import exists, foreign, read_all
+from lidar_outlier_filter.archive.publish import workshop
 from lidar_outlier_filter.archive.rows import (
     LIMIT,
     MIN_COMPARED,
@@ -33,7 +33,8 @@ from lidar_outlier_filter.archive.rows import (
     signed,
 )
 from lidar_outlier_filter.archive.sidecar import ArchiveRecord
-from lidar_outlier_filter.errors import FilterError, printable
+from lidar_outlier_filter.disk.new_files import writable
+from lidar_outlier_filter.errors import printable
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 PAGE = 'archive.html'
@@ -65,7 +66,9 @@ def check_page(folder: RecordingPath) -> str:
 def write_page(
     records: Iterable[ArchiveRecord], folder: RecordingPath, what: str = 'recording'
 ) -> None:
-    """Write the page for records into the folder of their outputs; an earlier one is replaced.
+    """Write the page for records into the folder of their outputs, which is locked.
+
+    An earlier page is replaced.
 
     Parameters
     ----------
@@ -81,14 +84,13 @@ def write_page(
     text, before = page(found, what, reports), check_page(folder)
     if text == before:
         return
-    with workshop(folder) as built:
-        try:
-            write(folder / PAGE, text, built, is_new=not before)
-        except FilterError:
-            if before or not check_page(folder):
-                raise
-            write(folder / PAGE, text, built)  # over that of a run at the same time
-    tidy(folder)
+    path = folder / PAGE
+    if isinstance(path, Path):
+        with writable(path), workshop(folder) as built:
+            Path(built, PAGE).write_text(text, 'utf-8')
+            Path(built, PAGE).replace(path)
+    else:
+        path.write_text(text)
 
 
 def page(

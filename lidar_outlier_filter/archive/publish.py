@@ -2,18 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Give outputs their names, whole and at the end, and replace only unchanged outputs of a run.
 
-Outputs are built in a hidden folder; on S3 their parts are uploaded first. Then older outputs lose
-their names, the sidecar gets its own, and the new outputs get theirs. So the sidecar lists what a
-killed run gave names to.
+One run at a time works in an output folder. It builds outputs in a hidden folder; on S3 it uploads
+their parts first. Then older outputs lose their names, the sidecar is replaced, and the new outputs
+get theirs. So whatever a killed run leaves under a name is whole, and listed in a sidecar.
 """
 
-import os
-from collections.abc import Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Event, Thread
+from time import sleep
 from typing import Any
+from uuid import uuid4
 
 from lidar_outlier_filter.archive import sidecar
 from lidar_outlier_filter.archive.jobs import Task
@@ -24,184 +28,165 @@ from lidar_outlier_filter.archive.locations import (
     file_state,
     files_below,
     foreign,
-    remove,
-    write,
+    read_all,
 )
 from lidar_outlier_filter.archive.sidecar import ArchiveRecord, agrees, content_hash, mark_of
-from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all, writable
+from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached, written
 
 HIDDEN = '.unfinished'  # folder in that of the outputs
 PART_BYTES = 32 * 2**20  # of an upload: S3 accepts 10 000 parts
+RENEWAL_S = 10.0  # between two writes of the lock on a store
+PATIENCE_S = 3 * RENEWAL_S  # a lock that stays the same for so long is that of a killed run
 _READ_BYTES = 2**23
 
 
-@dataclass(frozen=True)
-class FoundOutputs:
-    """The outputs of a task that exist, all of them unchanged outputs of earlier runs.
-
-    Attributes
-    ----------
-    noted : the record of the sidecar
-    files : paths by name below the output folder
-
-    """
-
-    noted: ArchiveRecord | None
-    files: Mapping[str, RecordingPath]
-
-    def done(self, goal: ArchiveRecord, task: Task) -> ArchiveRecord | None:
-        """Return the record of complete outputs of the same input, parameters and code."""
-        record, names = self.noted, self.files.keys()
-        if record is None or not _is_alike(record, goal) or record.outputs.keys() != names:
-            return None
-        is_same = record.source_state == goal.source_state  # or else its content decides
-        return record if is_same or record.source_hash == content_hash(task.location) else None
-
-
-def find_outputs(task: Task, *, read: bool = False) -> FoundOutputs:
-    """Find the outputs of a task that exist; ``read`` does not trust equal states."""
-    for _ in range(2):  # a run at the same time may have named one between the two lists
-        noted = sidecar.read(task.sidecar)
-        marks = {} if noted is None else noted.outputs
-        listed: dict[str, RecordingPath] = {}
-        for name, path in zip(task.names, task.outputs, strict=True):
-            listed.update(_files_at(path, name))
-        known = {
-            name: path
-            for name, path in listed.items()
-            if name in marks and agrees(path, marks[name], read=read)
-        }
-        # One that is gone was moved by a run at the same time.
-        others = [path for name, path in listed.items() if name not in known and exists(path)]
-        if not others:
-            return FoundOutputs(noted, known)
-    raise foreign(others[0])
-
-
-def _files_at(path: RecordingPath, name: str) -> dict[str, RecordingPath]:
-    """List a file, or all files, links and empty folders below a folder."""
-    if not isinstance(path, Path):
-        return {name + str(one)[len(str(path)) :]: one for one in files_below(path)}
-    if path.is_symlink() or not path.is_dir():
-        return {name: path} if exists(path) else {}
-    inside: dict[str, RecordingPath] = {}
-    for folder, folders, names in os.walk(path):  # a run at the same time may move the folder
-        here = Path(folder)
-        links = [one for one in folders if (here / one).is_symlink()]
-        is_empty = not folders and not names and here != path
-        listed = [here] if is_empty else [here / one for one in (*names, *links)]
-        inside.update({f'{name}/{one.relative_to(path)}': one for one in listed})
-    return inside or {name: path}
-
-
 @contextmanager
-def workshop(folder: RecordingPath) -> Iterator[Path]:
-    """Give a hidden folder to build outputs in; remove it at the end, and those of killed runs.
+def locked(folder: RecordingPath) -> Iterator[None]:
+    """Keep a folder of outputs for this run; remove what killed runs left hidden in it.
 
-    It lies in the folder of the outputs, or on this machine if they go to a store.
+    A worker of a killed run that still works then cannot publish: what it built is gone.
     """
     with ExitStack() as stack:
         if not isinstance(folder, Path):
-            temporary = TemporaryDirectory(prefix='.lidar_outlier_filter-')
-            yield Path(stack.enter_context(temporary))
-            return
-        with writable(folder):
-            built: Path | None = None
-            while built is None:  # again if another run that ends removes the folder above it
-                (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-                with suppress(FileNotFoundError):
-                    built = stack.enter_context(hidden_folder(folder / HIDDEN / 'task'))
-        yield built
+            stack.enter_context(_lease(folder))
+        else:
+            with new_files.writable(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+                try:
+                    stack.enter_context(new_files.only_run(folder))
+                except BlockingIOError as err:
+                    raise _taken(folder) from err
+                new_files.remove_hidden(folder / HIDDEN)
+                stack.callback(new_files.remove_hidden, folder / HIDDEN)
+                (folder / HIDDEN).mkdir()
+        yield
 
 
-def check_reached(folder: RecordingPath) -> None:
-    """Refuse outputs in a bucket that does not exist, or cannot be reached."""
-    if not isinstance(folder, Path) and hasattr(folder.system, 'call_s3'):
-        with reached(folder):
+def _taken(folder: RecordingPath) -> FilterError:
+    got = f'{folder}, where another run works'
+    return FilterError('the output folder', 'that of one run at a time', got)
+
+
+@contextmanager
+def _lease(folder: RemotePath) -> Iterator[None]:
+    """Hold a lock that an object is, which is renewed: stores have no locks of their own."""
+    path, name, ended = folder / new_files.LOCK, uuid4().hex, Event()
+    if hasattr(folder.system, 'call_s3'):
+        with reached(folder):  # a bucket that does not exist has no objects
             folder.system.ls(folder.key.partition('/')[0])
+    if path.exists():
+        before = read_all([path])
+        sleep(PATIENCE_S)
+        if path.exists() and read_all([path]) != before:
+            raise _taken(folder)
+    path.write_text(name)
+
+    def renew() -> None:
+        for number in count():
+            if ended.wait(RENEWAL_S):
+                return
+            with suppress(FilterError):  # the next one may be written
+                path.write_text(f'{name} {number}')
+
+    thread = Thread(target=renew, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        path.unlink()
 
 
-def tidy(folder: RecordingPath) -> None:
-    """Remove what killed runs, and workers that were ended, left hidden in a folder."""
-    if isinstance(folder, Path) and (folder / HIDDEN).is_dir():
-        with workshop(folder):
-            pass
-        with suppress(OSError):  # another run works
-            (folder / HIDDEN).rmdir()
+def workshop(folder: RecordingPath) -> TemporaryDirectory[str]:
+    """Give a hidden folder to build outputs in; on this machine if they go to a store."""
+    hidden = folder / HIDDEN if isinstance(folder, Path) else None
+    return TemporaryDirectory(
+        prefix='.lidar_outlier_filter-', dir=hidden, ignore_cleanup_errors=True
+    )
 
 
-def publish(
-    task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, Any], before: FoundOutputs
-) -> ArchiveRecord:
+def done_before(task: Task, goal: ArchiveRecord) -> ArchiveRecord | None:
+    """Return the record of complete outputs of the same input, parameters and code."""
+    record, files = find_outputs(task)
+    names = ('source', 'size', 'parameters', 'code')
+    if record is None or any(getattr(record, name) != getattr(goal, name) for name in names):
+        return None
+    if record.outputs.keys() != files.keys():
+        return None
+    is_same = record.source_state == goal.source_state  # or else its content decides
+    return record if is_same or record.source_hash == content_hash(task.location) else None
+
+
+def find_outputs(
+    task: Task, *, read: bool = False
+) -> tuple[ArchiveRecord | None, dict[str, RecordingPath]]:
+    """Return the sidecar of a task, and its outputs that exist, by name below the output folder.
+
+    Whatever is not an unchanged output is refused; ``read`` does not trust equal states.
+    """
+    noted = sidecar.read(task.sidecar)
+    marks = {} if noted is None else noted.outputs
+    found: dict[str, RecordingPath] = {}
+    for name, path in zip(task.names, task.outputs, strict=True):
+        found.update({name + str(one)[len(str(path)) :]: one for one in _listed(path)})
+    for name, path in found.items():
+        if name not in marks or not agrees(path, marks[name], read=read):
+            raise foreign(path)
+    return noted, found
+
+
+def _listed(path: RecordingPath) -> list[RecordingPath]:
+    """List a file or a link, all of them below a folder, or an empty folder."""
+    if not isinstance(path, Path):
+        return [*files_below(path)]
+    inside: list[RecordingPath] = []
+    if not path.is_symlink():
+        inside = [one for one in path.rglob('*') if one.is_symlink() or not one.is_dir()]
+    return inside or [path] * exists(path)
+
+
+def publish(task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, Any]) -> None:
     """Write the sidecar of a task, and give its outputs their names.
 
     Parameters
     ----------
     task : whose outputs are in the folder ``built``; no outputs if it has no clouds
+    built : the folder
     record : without fingerprints of the outputs
     log : what the sidecar contains beside the record
-    before : outputs found before the work; only these are replaced
-
-    Returns
-    -------
-    ArchiveRecord
-        The sidecar's record; a concurrent run may have written it.
 
     """
     files = _built(task, built)
     record = replace(record, outputs={name: mark_of(file) for name, file in files.items()})
-    try:
-        with ExitStack() as undo:
-            streams = [] if isinstance(task.folder, Path) else _send(task, files, undo)
-            now = find_outputs(task, read=isinstance(task.folder, Path))  # a store marks content
-            if not _is_begun(now.noted, record):
-                if now.noted != before.noted:
-                    raise foreign(task.sidecar)
-                _replace_older(task, built, now, sidecar.as_text(record, log))
-            if isinstance(task.folder, Path):
-                _rename(task, built, undo)
-            else:
-                _complete(task, streams)
-                states = {name: file_state(task.folder / name)[1] for name in files}
-                marks = {k: mark._replace(state=states[k]) for k, mark in record.outputs.items()}
-                write(task.sidecar, sidecar.as_text(replace(record, outputs=marks), log), built)
-            noted = _noted(task, record)
-            undo.pop_all()
-    except FilterError:
-        with suppress(FilterError), ExitStack() as undo:  # the first one is raised
-            if isinstance(task.folder, Path) and _is_begun(sidecar.read(task.sidecar), record):
-                _rename(task, built, undo)  # a faster run has named its sidecar, perhaps not all
-            noted = _noted(task, record)
-            undo.pop_all()
-            return noted
-        raise
-    return noted
+    if isinstance(task.folder, Path):
+        with new_files.writable(task.folder), workshop(task.folder) as older:
+            _rename(task, built, Path(older), sidecar.as_text(record, log))
+        return
+    with _sent(task.folder, files):
+        for path in find_outputs(task)[1].values():  # a store marks content
+            path.unlink()
+        task.sidecar.write_text(sidecar.as_text(record, log))
+    states = {name: file_state(task.folder / name)[1] for name in files}
+    marks = {name: mark._replace(state=states[name]) for name, mark in record.outputs.items()}
+    task.sidecar.write_text(sidecar.as_text(replace(record, outputs=marks), log))
 
 
-def _noted(task: Task, record: ArchiveRecord) -> ArchiveRecord:
-    """Return the sidecar of complete outputs, which a run at the same time may have written."""
-    found = find_outputs(task)
-    if found.noted is None or not _is_begun(found.noted, record):
-        raise foreign(task.sidecar)
-    if found.files.keys() != record.outputs.keys():
-        raise foreign(task.outputs[0])
-    return found.noted
-
-
-def _is_alike(one: ArchiveRecord, other: ArchiveRecord) -> bool:
-    """Compare input, parameters and code."""
-    names = ('source', 'size', 'parameters', 'code')
-    return all(getattr(one, name) == getattr(other, name) for name in names)
-
-
-def _is_begun(noted: ArchiveRecord | None, record: ArchiveRecord) -> bool:
-    """Return whether a sidecar lists these very files, even if some have no name yet."""
-    if noted is None or not _is_alike(noted, record):
-        return False
-    one, other = ({k: mark.sha256 for k, mark in r.outputs.items()} for r in (noted, record))
-    return one == other
+def _rename(task: Task, built: Path, older: Path, text: str) -> None:
+    """Move older outputs away, replace the sidecar, and give new outputs their names."""
+    paths, own = [Path(str(path)) for path in task.outputs], Path(str(task.sidecar))
+    (built / own.name).write_text(text)  # a full disk refuses it before anything is moved
+    find_outputs(task, read=True)
+    for path in paths:
+        if exists(path):
+            path.rename(older / path.name)
+    own.parent.mkdir(parents=True, exist_ok=True)
+    (built / own.name).replace(own)
+    for path in paths:
+        if (built / path.name).exists():
+            new_files.publish(built / path.name, path)
 
 
 @contextmanager
@@ -213,11 +198,10 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
     if path.exists():
         raise foreign(path)
     task = Task(Location(path, 0, ''), '', path.parent, (path.name,))
-    with workshop(path.parent) as built, ExitStack() as undo:
-        yield built / path.name
-        streams = _send(task, _built(task, built), undo)
-        _complete(task, streams)
-        undo.pop_all()
+    with workshop(path.parent) as built:
+        yield Path(built) / path.name
+        with _sent(path.parent, _built(task, Path(built))):
+            pass
 
 
 def _built(task: Task, built: Path) -> dict[str, Path]:
@@ -233,80 +217,29 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
     return files
 
 
-def _replace_older(task: Task, built: Path, now: FoundOutputs, text: str) -> None:
-    """Replace older outputs by a sidecar. If that fails, all are put back.
+@contextmanager
+def _sent(folder: RemotePath, files: Mapping[str, Path]) -> Iterator[None]:
+    """Send files to a store; at the end they get their names, in their order.
 
-    A store cannot put them back: they are gone, and the next run makes them anew.
-
-    Their own sidecar goes last: it knows those that a kill leaves.
+    On S3 their parts are no object before.
     """
-    if not isinstance(task.folder, Path):
-        for path in now.files.values():
-            remove(path)
-        write(task.sidecar, text, built)
-        return
-    new, marks = Path(str(task.sidecar)), now.noted.outputs if now.noted else {}
-    write(built / new.name, text, built)  # a full disk refuses it before anything is moved
-    with writable(built), ExitStack() as undo:
-        (built / 'older').mkdir()
-        for name, path in zip(task.names, task.outputs, strict=True):
-            if any(f'{known}/'.startswith(f'{name}/') for known in now.files):
-                moved = _files_at(_hide(path, built, undo), name)
-                if not all(key in marks and agrees(moved[key], marks[key]) for key in moved):
-                    raise foreign(path)  # it changed in this moment
-        if now.noted and sidecar.read(_hide(new, built, undo)) != now.noted:
-            raise foreign(new)
-        new.parent.mkdir(parents=True, exist_ok=True)
-        publish_all([built / new.name], [new])
-        undo.pop_all()
-
-
-def _hide(path: RecordingPath, built: Path, undo: ExitStack) -> Path:
-    hidden = Path(str(path)).rename(built / 'older' / path.name)
-    undo.callback(_put_back, hidden, Path(str(path)))
-    return hidden
-
-
-def _rename(task: Task, built: Path, undo: ExitStack) -> None:
-    """Give outputs their names, but for those that another run gave to an equal output."""
-    with writable(built):
-        for path in task.outputs:
-            hidden = built / path.name
-            if isinstance(path, Path) and hidden.exists() and not exists(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                publish_all([hidden], [path])
-                undo.callback(_put_back, path, hidden)
-
-
-def _put_back(older: Path, path: Path) -> None:
-    with suppress(FilterError):
-        publish_all([older], [path])
-
-
-def _send(task: Task, files: Mapping[str, Path], undo: ExitStack) -> list[Any]:
-    """Send files to a store, in their order; on S3 their parts are no object yet."""
-    streams = []
-    with written(task.outputs[0]):
+    streams: list[Any] = []
+    with written(folder), ExitStack() as undo:
         for name, file in files.items():
-            target: RemotePath = task.folder / name  # type: ignore[assignment]
-            stream = target.system.open(target.key, 'wb', block_size=PART_BYTES, autocommit=False)
+            key = (folder / name).key
+            stream = folder.system.open(key, 'wb', block_size=PART_BYTES, autocommit=False)
             undo.callback(_discard, stream)
             with file.open('rb') as source:
-                while data := source.read(_READ_BYTES):
-                    stream.write(data)
+                shutil.copyfileobj(source, stream, _READ_BYTES)
             stream.close()
             streams.append(stream)
-    return streams
+        yield
+        for stream in streams:
+            stream.commit()
+        undo.pop_all()
 
 
 def _discard(stream: Any) -> None:
     with suppress(Exception):  # what remains of an upload is removed by a rule of the bucket
         stream.discard()
     stream.closed = True  # or it would try to write the rest when it is collected
-
-
-def _complete(task: Task, streams: Sequence[Any]) -> None:
-    """Give new objects their names, in their order."""
-    with written(task.outputs[0]):
-        for stream in streams:
-            stream.commit()

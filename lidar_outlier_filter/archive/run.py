@@ -14,7 +14,7 @@ from pathlib import Path
 from time import perf_counter
 
 from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Result, Task
-from lidar_outlier_filter.archive.publish import find_outputs, publish, workshop
+from lidar_outlier_filter.archive.publish import done_before, publish, workshop
 from lidar_outlier_filter.archive.sidecar import (
     ArchiveRecord,
     code_version,
@@ -36,7 +36,7 @@ SEARCH_THREADS = 16  # threads that search for outputs; most wait for a disk or 
 
 
 def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Inform) -> Result:
-    """Read, judge and write one recording or file, unless another run has done so.
+    """Read, judge and write one recording or file, unless another worker has done so.
 
     An error is a failed record: it costs only its own recording or file.
 
@@ -57,15 +57,15 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
         with refusing(FilterError, f'the {job.what} {task.location.path}', job.done):
             if job.dry:
                 return job.make(task, Path(), goal, note, inform)
-            before = find_outputs(task)
-            if (done := before.done(goal, task)) is not None:
+            if (done := done_before(task, goal)) is not None:
                 return Result(done)
             with workshop(task.folder) as built:
-                made = job.make(task, built, goal, note, inform)
+                made = job.make(task, Path(built), goal, note, inform)
                 source_hash = content_hash(task.location)
                 task.location.check_unchanged(job.what)
                 record = timed(replace(made.record, source_hash=source_hash))
-                return replace(made, record=publish(task, built, record, made.log, before))
+                publish(task, Path(built), record, made.log)
+                return replace(made, record=record)
     except FilterError as err:
         return Result(timed(replace(goal, error=_with_name(task, err))))
 
@@ -125,7 +125,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
     def record_of(task: Task) -> ArchiveRecord | None:
         goal = job.goal(task)
         try:
-            return find_outputs(task).done(goal, task)
+            return done_before(task, goal)
         except FilterError as err:
             return replace(goal, error=_with_name(task, err))
 

@@ -1,10 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sidecar of an output: what it was made from, its fingerprint, and counts, as JSON.
-
-It carries a seal, the hash of its own content. A file without a valid seal was not written by a
-run, or was edited since.
-"""
+"""The sidecar of an output: what it was made from, its fingerprint, and counts, as JSON."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +15,6 @@ from typing import Any, NamedTuple
 import lidar_outlier_filter
 from lidar_outlier_filter.archive.locations import (
     Location,
-    State,
     exists,
     file_hash,
     file_state,
@@ -34,7 +29,7 @@ from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 DONE, FAILED, NO_CLOUDS = 'done', 'failed', 'no clouds'
 SUFFIX = '.json'  # after the name of an output
-RECORD, SEAL = 'archive', 'seal'  # keys; others are those of the log of a cleaned file
+RECORD = 'archive'  # key; others are those of the log of a cleaned file
 MAX_BYTES = 2**24  # of a sidecar; a larger file is not one
 _BROKEN = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
 
@@ -120,64 +115,41 @@ class ArchiveRecord:
 
 
 def as_text(record: ArchiveRecord, log: Mapping[str, Any]) -> str:
-    """Write a sidecar: a log, the record, and the seal."""
-    values = json.loads(json.dumps({**log, RECORD: asdict(record)}))
-    return json.dumps({**values, SEAL: _seal(values)}, indent=1) + '\n'
+    """Write a sidecar: a log, and the record."""
+    return json.dumps({**log, RECORD: asdict(record)}, indent=1) + '\n'
 
 
-def parse(text: bytes) -> ArchiveRecord:
-    """Read the record of a sidecar.
-
-    Raises
-    ------
-    ValueError
-        If it is no sidecar, or was changed since it was written.
-
-    """
-    try:
-        values = json.loads(text)
-        if values.pop(SEAL) != _seal(values):
-            raise ValueError
-        record = ArchiveRecord(**values[RECORD])
-        outputs = {name: FileMark(*mark) for name, mark in record.outputs.items()}
-        return replace(record, outputs=outputs)
-    except _BROKEN as err:
-        raise ValueError from err
-
-
-def _seal(values: Mapping[str, Any]) -> str:
-    return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+def _parsed(texts: Iterable[bytes]) -> list[ArchiveRecord]:
+    """Read the records of sidecars; other texts are passed over."""
+    found = []
+    for text in texts:
+        with suppress(*_BROKEN):
+            record = ArchiveRecord(**json.loads(text)[RECORD])
+            marks = {name: FileMark(*mark) for name, mark in record.outputs.items()}
+            found.append(replace(record, outputs=marks))
+    return found
 
 
 def read(path: RecordingPath) -> ArchiveRecord | None:
     """Read a sidecar; None if it does not exist."""
-    for _ in range(2):  # a run at the same time may name it between the two looks
-        records: list[ArchiveRecord] = []
-        with suppress(FileNotFoundError):  # removed by a run at the same time
-            found = files_below(path)
-            if not found and not isinstance(path, Path):
-                return None
-            if [*found] == [path] and not (isinstance(path, Path) and path.is_symlink()):
-                records = _parsed(found)
-        if records or not exists(path):
-            return records[0] if records else None
-    raise foreign(path)
+    if not exists(path):
+        return None
+    records = _parsed(read_all([path])) if path.is_file() else []
+    if not records:
+        raise foreign(path)
+    return records[0]
 
 
 def read_folder(folder: RecordingPath) -> list[ArchiveRecord]:
     """Read all sidecars in a folder, recursively; other and hidden files are skipped."""
     start = len(str(folder))
-    found = files_below(folder).items() if exists(folder) else ()
-    return _parsed({path: state for path, state in found if '/.' not in str(path)[start:]})
-
-
-def _parsed(files: Mapping[RecordingPath, State]) -> list[ArchiveRecord]:
-    small = [path for path, (size, _) in files.items() if size <= MAX_BYTES]
-    found = []
-    for text in read_all(path for path in small if path.suffix == SUFFIX):
-        with suppress(ValueError):
-            found.append(parse(text))
-    return found
+    return _parsed(
+        read_all(
+            path
+            for path, (size, _) in files_below(folder).items()
+            if path.suffix == SUFFIX and size <= MAX_BYTES and '/.' not in str(path)[start:]
+        )
+    )
 
 
 def mark_of(path: RecordingPath) -> FileMark:
@@ -190,12 +162,9 @@ def agrees(path: RecordingPath, mark: FileMark, *, read: bool = False) -> bool:
     """Return whether a file has the fingerprint; ``read`` does not trust an equal state."""
     if isinstance(path, Path) and (path.is_symlink() or not path.is_file()):
         return False
-    try:
-        size, state = file_state(path)
-        is_same = state == mark.state and not read
-        return size == mark.size and (is_same or file_hash(path) == mark.sha256)
-    except FileNotFoundError:  # moved by a run at the same time
-        return False
+    size, state = file_state(path)
+    is_same = state == mark.state and not read
+    return size == mark.size and (is_same or file_hash(path) == mark.sha256)
 
 
 def content_hash(location: Location) -> str:

@@ -21,7 +21,7 @@ from lidar_outlier_filter.archive.locations import (
     staged,
 )
 from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
-from lidar_outlier_filter.archive.publish import check_reached, new_bag, tidy
+from lidar_outlier_filter.archive.publish import locked, new_bag
 from lidar_outlier_filter.archive.run import Run, pending, refuse_taken_names
 from lidar_outlier_filter.archive.sidecar import ArchiveRecord, read_folder
 from lidar_outlier_filter.archive.workers import Workers
@@ -137,17 +137,14 @@ def go_through(
     Raises
     ------
     FilterError
-        If two outputs have one name, or another's file has that of the page.
+        If two outputs have one name, another's file has that of the page, or another run works in
+        an output folder.
     SchedulerError
         If the scheduler is gone.
 
     """
     refuse_taken_names(tasks, job, {str(folder / PAGE): 'the page'} if folder is not None else {})
     page_folder = None if job.dry else folder
-    if page_folder is not None:
-        check_reached(page_folder)
-        check_page(page_folder)
-    todo, records = pending(tasks, job)
     results: dict[Task, Result] = {}
 
     def how_far() -> str:
@@ -155,9 +152,12 @@ def go_through(
         said = f'{count} of {len(tasks)} {job.what}s are done'
         return f'{said}; the same command continues with the others'
 
-    with ExitStack() as tidying:
+    with ExitStack() as locks:
         for path in {task.folder for task in tasks} if not job.dry else ():
-            tidying.callback(tidy, path)
+            locks.enter_context(locked(path))
+        if page_folder is not None:
+            check_page(page_folder)
+        todo, records = pending(tasks, job)
         if todo:
             with ExitStack() as stack:
                 stack.enter_context(saying_how_far(how_far))

@@ -34,6 +34,27 @@ _UNSUPPORTED = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP}  # by an old kernel, 
 
 
 @contextmanager
+def only_run(folder: Path) -> Iterator[None]:
+    """Lock a folder until this run ends, however it ends.
+
+    Raises
+    ------
+    BlockingIOError
+        If another run holds the lock.
+
+    """
+    is_held = False
+    while not is_held:  # again if a run that ends removed the file before it was locked
+        with _lock_in(folder) as lock:
+            is_held = os.fstat(lock.fileno()).st_nlink > 0
+            if is_held:
+                try:
+                    yield
+                finally:
+                    (folder / LOCK).unlink(missing_ok=True)
+
+
+@contextmanager
 def hidden_folder(path: Path) -> Iterator[Path]:
     """Give a hidden folder beside ``path``; remove it at the end, and those of killed runs before.
 
@@ -50,7 +71,7 @@ def hidden_folder(path: Path) -> Iterator[Path]:
         with lock:
             yield folder
     finally:
-        _remove(folder)
+        remove_hidden(folder)
 
 
 def _prefix(path: Path) -> str:
@@ -73,7 +94,7 @@ def _made_and_locked(prefix: str, parent: Path) -> tuple[Path, IO[bytes]]:
         except (FileNotFoundError, BlockingIOError):
             continue
         except BaseException:
-            _remove(folder)
+            remove_hidden(folder)
             raise
         if os.fstat(lock.fileno()).st_nlink:
             return folder, lock
@@ -103,10 +124,10 @@ def _remove_if_left(folder: Path) -> None:
         folder.rmdir()  # a run was killed, or is about to make its lock, and makes another folder
     with suppress(OSError), (folder / LOCK).open('r+b') as lock:
         _take(lock)
-        _remove(folder)
+        remove_hidden(folder)
 
 
-def _remove(folder: Path) -> None:
+def remove_hidden(folder: Path) -> None:
     """Remove a folder into which a worker may still write.
 
     It is renamed first: a worker that writes into it by its name finds it gone. The lock goes last:

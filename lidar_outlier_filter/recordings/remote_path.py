@@ -118,5 +118,15 @@ class RemotePath:
         with reached(self):
             return bytes(self.system.cat_file(self.key)).decode(encoding or 'utf-8')
 
+    def write_text(self, text: str, encoding: str = 'utf-8') -> None:
+        """Write it in one step."""
+        with written(self):
+            self.system.pipe_file(self.key, text.encode(encoding))
+
+    def unlink(self) -> None:
+        """Remove it."""
+        with written(self):
+            self.system.rm_file(self.key)
+
 
 RecordingPath = Path | RemotePath

@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.archive.page import MAX_BARS, page, size, write_page
+from lidar_outlier_filter.archive.publish import locked
 from lidar_outlier_filter.archive.rows import compare, length, robust_z
 
 if TYPE_CHECKING:
@@ -25,6 +26,12 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
     from lidar_outlier_filter.archive.sidecar import ArchiveRecord
+
+
+def written(lines: list[ArchiveRecord], folder: Path) -> None:
+    """Write a page, as the run that holds the lock of the folder."""
+    with locked(folder):
+        write_page(lines, folder)
 
 
 def test_files_are_clouds_without_a_length() -> None:
@@ -124,7 +131,7 @@ def test_names_lead_to_what_was_made(tmp_path: Path) -> None:
     lines += [record('c', output='c', finished='2026-03-04T01:02:03+00:00')]
     lines += [failed('d', 'no <way>')]
     (tmp_path / 'b_report.html').touch()
-    write_page(lines, tmp_path)
+    written(lines, tmp_path)
     text = (tmp_path / 'archive.html').read_text()
     assert '<b>b</b> <a href="./b/">output</a> <a href="./b_report.html">report</a><' in text
     assert 'day 1/<b>a.mcap</b> <a href="./day%201/a/">output</a><' in text
@@ -136,9 +143,9 @@ def test_names_lead_to_what_was_made(tmp_path: Path) -> None:
     assert '<td data-sort="2026-03-04T01:02:03+00:00"' in text
     assert '<a href="./out/e">output</a>' in page([record('e')], 'file')
     before = (tmp_path / 'archive.html').stat().st_ino
-    write_page(lines, tmp_path)
+    written(lines, tmp_path)
     assert (tmp_path / 'archive.html').stat().st_ino == before
-    write_page(lines[1:], tmp_path)
+    written(lines[1:], tmp_path)
     assert (tmp_path / 'archive.html').read_text() != text
     assert len([*tmp_path.iterdir()]) == 2
 
@@ -174,7 +181,7 @@ def test_thousands_of_recordings(browser: Browser, tmp_path: Path, width: int) -
     """
     lines = archive(3000)
     lines[9] = failed(lines[9].source, 'a sentence that is longer than its line ' * 9)
-    write_page(lines, tmp_path)
+    written(lines, tmp_path)
     tab = new_tab(browser, viewport={'width': width, 'height': 900})
     tab.goto((tmp_path / 'archive.html').as_uri())
     shown = "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetHeight).length"
@@ -197,7 +204,7 @@ def test_thousands_of_recordings(browser: Browser, tmp_path: Path, width: int) -
 
 def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
     """Every head sorts by its numbers, by key too; there is no error, and no request."""
-    write_page(archive(40), tmp_path)
+    written(archive(40), tmp_path)
     tab = new_tab(browser)
     wrong: list[str] = []
     tab.on('console', lambda line: wrong.append(line.text))
@@ -222,7 +229,7 @@ def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
 @pytest.mark.parametrize(('scheme', 'scripts'), [('light', True), ('dark', True), ('light', False)])
 def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, scripts: bool) -> None:
     """On a phone nothing sticks out; the text stands out from its ground; without JS, too."""
-    write_page(archive(40), tmp_path)
+    written(archive(40), tmp_path)
     phone = {'width': 390, 'height': 844}
     tab = new_tab(browser, viewport=phone, color_scheme=scheme, java_script_enabled=scripts)
     tab.goto((tmp_path / 'archive.html').as_uri())

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Only an output that a run noted, and that is unchanged, is replaced; all else is refused."""
 
-import dataclasses
 import errno
 import json
 import os
@@ -13,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.archives import command_of, content, hidden, record, records, tree
+from helpers.archives import command_of, content, hidden, records, tree
 
-from lidar_outlier_filter.archive import publish, run
+from lidar_outlier_filter.archive import run
 from lidar_outlier_filter.archive.jobs import Task
-from lidar_outlier_filter.archive.sidecar import as_text, read
+from lidar_outlier_filter.archive.publish import publish
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.disk.new_files import publish_all
 
 Capture = pytest.CaptureFixture[str]
 Words = Callable[..., list[str]]
@@ -91,14 +89,8 @@ EDITS: dict[str, Callable[[], Path]] = {
     'a link': lambda: link(first()),
     'a file laid into an output': lambda: lay(first()),
     'a sidecar, edited': lambda: append(sidecar()),
-    'another count': lambda: replace(
-        sidecar(), sidecar().read_text().replace('"size": ', '"size": 1')
-    ),
-    'the log, edited': lambda: replace(
-        sidecar(), sidecar().read_text().replace('{', '{"remark": "mine",', 1)
-    ),
     'brackets': lambda: replace(sidecar(), '[' * 200_000),
-    'other JSON': lambda: replace(sidecar(), '{"seal": 1, "archive": []}'),
+    'other JSON': lambda: replace(sidecar(), '{"archive": []}'),
     'no text': lambda: Path(shutil.copy(sys.executable, sidecar())),
     'the page, edited': lambda: append(OUT / 'archive.html'),
     'another page': lambda: replace(OUT / 'archive.html', '<html>mine</html>'),
@@ -142,124 +134,50 @@ def test_what_was_there_before_is_refused(words: list[str], capsys: Capture, kin
     assert {name: after[name] for name in before} == before
 
 
-RACES = [  # all pairs
-    (('replay', 'clean')[(i + j) % 2], moment, which, (i // 2 + j) % 2 == 0)
-    for i, which in enumerate(('output', 'sidecar', 'sealed', 'other'))
-    for j, moment in enumerate(('publish', '_replace_older'))
-]
-
-
-@pytest.mark.parametrize(('words', 'moment', 'which', 'is_new'), RACES, indirect=['words'])
-def test_what_comes_while_a_run_works_stays(  # noqa: PLR0913  fixtures
-    words: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Capture,
-    moment: str,
-    which: str,
-    *,
-    is_new: bool,
+@pytest.mark.parametrize('which', ['output', 'sidecar', 'other'])
+@pytest.mark.parametrize('is_new', [True, False])
+def test_what_comes_while_a_run_works_stays(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capture, which: str, *, is_new: bool
 ) -> None:
-    """A file that appears or changes during a run is refused, also just before the rename."""
+    """A file that appears or changes during a run is refused."""
     if not is_new:
         assert main(words) == 0
-    home: Any = run if moment == 'publish' else publish
-    known = getattr(home, moment)
     path = OUT / ('first' if words[0] == 'replay' else '000_cleaned.csv')
+    touched: list[Path] = []
 
-    def late(task: Task, *given: Any) -> Any:
+    def late(task: Task, *given: Any) -> None:
         if task.outputs[0].name == path.name:
-            target = path.with_name(f'{path.name}.json') if which.startswith('s') else path
-            if which == 'other' and path.is_dir():
-                target = path / 'notes.txt'
+            target = path.with_name(f'{path.name}.json') if which == 'sidecar' else path
             if target.is_dir():
-                target = target / 'metadata.yaml'
-            text = 'mine'
-            if which == 'sealed':  # another run's
-                noted = read(target) or record('other')
-                text = as_text(dataclasses.replace(noted, worker=text), {})
-            target.unlink(missing_ok=True)
-            target.write_text(text)
-            touched.append((target, text))
-        return known(task, *given)
+                target /= 'notes.txt' if which == 'other' else 'metadata.yaml'
+            touched.append(replace(target, 'mine'))
+        publish(task, *given)
 
-    touched: list[tuple[Path, str]] = []
-    monkeypatch.setattr(home, moment, late)
+    monkeypatch.setattr(run, 'publish', late)
     before = content(OUT)
     assert main([*words, *([] if is_new else ['--set=scores=true'])]) == 3
-    target, text = touched[0]
-    assert target.read_text() == text
+    assert touched[0].read_text() == 'mine'
     assert 'the output must be' in capsys.readouterr().err
-    names = [name for name in before if name.startswith(path.name) and OUT / name != target]
+    names = [name for name in before if name.startswith(path.name) and OUT / name != touched[0]]
     assert {name: content(OUT)[name] for name in names} == {name: before[name] for name in names}
     assert not hidden(OUT)
 
 
-def test_a_sidecar_that_another_run_has_named(
-    words: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """If another run ends there, or is slow, this one gives the outputs their names."""
-    known = publish._replace_older
-
-    def late(task: Task, built: Path, now: publish.FoundOutputs, text: str) -> None:
-        path = Path(str(task.sidecar))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        known(task, built, now, text)
-
-    monkeypatch.setattr(publish, '_replace_older', late)
-    assert main(words) == 0
-    assert first().exists()
-    assert not hidden(OUT)
-
-
-def test_a_sidecar_that_is_named_between_two_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is read, not refused."""
-    path = Path('a.json')
-
-    def late(one: Path) -> bool:
-        one.write_text(as_text(record('a'), {}))
-        return True
-
-    monkeypatch.setattr('lidar_outlier_filter.archive.sidecar.exists', late)
-    assert read(path) is not None
-
-
-def full(*_: object) -> None:
-    """Fail as on a full disk."""
-    raise OSError(errno.ENOSPC, 'No space left on device')
-
-
 def test_a_full_disk(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    """Where the sidecar cannot be written there is a sentence; the next run does it all."""
-    with monkeypatch.context() as patch:
-        patch.setattr(os, 'fsync', full)
-        assert main(words) == 1
-    said = capsys.readouterr().err
-    assert 'must be written in full, got "No space left on device"' in said
-    assert not content(OUT)
-    assert not hidden(OUT)
-    assert main(words) == 0
+    """Where the sidecar cannot be written, older outputs stay; the next run does it all."""
 
-
-@pytest.mark.parametrize('step', ['write', 'rename'])
-def test_older_outputs_stay(words: list[str], monkeypatch: pytest.MonkeyPatch, step: str) -> None:
-    """Where the new sidecar cannot be written, or cannot get its name, nothing has changed."""
-
-    def refuse(hidden: list[Path], paths: list[Path]) -> None:
-        if paths[0].suffix == '.json' and hidden[0].parent.name != 'older':
-            full()
-        publish_all(hidden, paths)
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
 
     assert main(words) == 0
-    before = content(OUT), records(OUT)
+    before, words = (content(OUT), records(OUT)), [*words, '--set=scores=true']
     with monkeypatch.context() as patch:
-        if step == 'write':
-            patch.setattr(os, 'fsync', full)
-        else:
-            patch.setattr(publish, 'publish_all', refuse)
-        assert main([*words, '--set=scores=true']) in {1, 3}
+        patch.setattr(Path, 'write_text', full)
+        assert main(words) in {1, 3}
+    assert 'must be written in full, got "No space left on device"' in capsys.readouterr().err
     assert (content(OUT), records(OUT)) == before
     assert not hidden(OUT)
+    assert main(words) == 0
 
 
 def test_what_a_sidecar_says(words: list[str]) -> None:

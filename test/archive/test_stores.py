@@ -3,7 +3,6 @@
 """Archives on a store that speaks S3: as on this machine, and one sentence for what goes wrong."""
 
 from collections.abc import Iterator
-from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,12 @@ from helpers.archives import SET, content, replaying
 from helpers.drives import hashes, write_drive
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import publish, run
+from lidar_outlier_filter.archive import publish, sidecar
 from lidar_outlier_filter.archive.locations import path_at
 from lidar_outlier_filter.archive.sidecar import read_folder
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.remote_path import RemotePath
 
 Capture = pytest.CaptureFixture[str]
 
@@ -111,7 +111,7 @@ def test_again(store: Store, drives: Path, capsys: Capture) -> None:
     lines = store.requests.lines[before:]
     assert len(lines) <= 25 * len(NAMES)
     assert not [one for one in lines if one.startswith('GET') and '.mcap' in one]
-    assert not [one for one in lines if one.startswith(('PUT', 'POST'))]
+    assert not [one for one in lines if one.startswith(('PUT', 'POST')) and '/.lock' not in one]
     assert store.keys('cleaned') == keys
     store.put('s3://drives/in/a/a.mcap', (drives / 'b' / 'b.mcap').read_bytes())
     try:
@@ -141,20 +141,20 @@ class KilledError(BaseException):
     """Ends a run as a kill does."""
 
 
-STEPS = [(publish, 'write'), (publish, 'remove'), (None, 'commit')]
+STEPS = [(RemotePath, 'unlink', 1), (RemotePath, 'write_text', 2), (None, 'commit', 1)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('step', 'options', 'last'),  # all pairs
-    [(s, o, 1 + (i + len(o)) % 2) for i, s in enumerate(STEPS) for o in ([], [SCORED])],
+    [(s, o, s[2] + len(o) * (i != 1)) for i, s in enumerate(STEPS) for o in ([], [SCORED])],
 )
 def test_killed_runs(  # noqa: PLR0913  fixtures
     store: Store,
     expected: list[dict[str, bytes]],
     monkeypatch: pytest.MonkeyPatch,
     options: list[str],
-    step: tuple[Any, str],
+    step: tuple[Any, str, int],
     last: int,
 ) -> None:
     """Killed before an object is written, completed or removed, the next run ends it."""
@@ -172,8 +172,9 @@ def test_killed_runs(  # noqa: PLR0913  fixtures
     with monkeypatch.context() as patch:
         patch.setattr(home, name, call)
         patch.setattr(publish, '_discard', lambda stream: setattr(stream, 'closed', True))
-        with nullcontext() if name == 'remove' and not options else pytest.raises(KilledError):
+        with pytest.raises(KilledError):
             main(words(*options))
+    monkeypatch.setattr(publish, 'PATIENCE_S', 0.1)
     assert main(words(*options)) == 0
     assert stored(store) == expected[len(options)]
     assert not [key for key in store.keys('cleaned') if '/.' in key]
@@ -189,27 +190,22 @@ def test_an_upload_that_fails_is_given_up(
         raise OSError(5, 'Input/output error')
 
     before = store.uploads('cleaned')
-    monkeypatch.setattr(publish, 'find_outputs', fail)
+    monkeypatch.setattr(sidecar, 'as_text', fail)
     assert main(words()) == 1
     assert 'Input/output error' in capsys.readouterr().err
     assert not stored(store)
     assert store.uploads('cleaned') == before
 
 
-def test_two_runs_at_once(
-    store: Store, expected: list[dict[str, bytes]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The outputs of a run that was faster are taken; both end well."""
-    known = publish.publish
-
-    def twice(*given: Any) -> Any:
-        known(*given)  # as the other run does
-        return known(*given)
-
-    monkeypatch.setattr(run, 'publish', twice)
-    assert main(words()) == 0
-    assert stored(store) == expected[0]
-    assert not [key for key in store.keys('cleaned') if '/.' in key]
+def test_one_run_at_a_time(store: Store, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    """While a run renews its lock, another is refused, and writes nothing."""
+    monkeypatch.setattr(publish, 'RENEWAL_S', 0.1)
+    monkeypatch.setattr(publish, 'PATIENCE_S', 1.0)
+    with publish.locked(path_at(ALL)):
+        assert main(words()) == 1
+        assert len(store.keys('cleaned')) == 1
+    assert f'got {ALL}, where another run works' in capsys.readouterr().err
+    assert not store.keys('cleaned')
 
 
 def test_one_recording(store: Store, drives: Path, tmp_path: Path, capsys: Capture) -> None:
