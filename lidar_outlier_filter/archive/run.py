@@ -5,7 +5,7 @@
 import os
 import socket
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -31,7 +31,6 @@ from lidar_outlier_filter.errors import (
 )
 
 POLL_S = 0.2  # between two checks for an interrupt
-AHEAD = 2  # tasks for each worker, of which one waits
 SEARCH_THREADS = 16  # threads that search for outputs; most wait for a disk or a store
 
 
@@ -137,7 +136,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Arc
 
 @dataclass
 class Run:
-    """Submits tasks, several for each worker, and collects their results.
+    """Submits tasks, one for each worker, and collects their results.
 
     Parameters
     ----------
@@ -155,9 +154,9 @@ class Run:
     inform: Inform = str
 
     def all(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Result]]:
-        """Yield the result of each task; tasks whose worker died run again, one at a time.
+        """Yield the result of each task.
 
-        If a worker dies, Dask fails all tasks assigned to it, running or queued.
+        Each worker has one task, because Dask counts a death against all tasks of a worker.
 
         Raises
         ------
@@ -166,17 +165,10 @@ class Run:
 
         """
         self._progress = Progress(tasks)
-        suspects: list[Task] = []
-        yield from self._each(tasks, lambda: AHEAD * max(1, self.workers.count()), suspects)
-        yield from self._each(suspects, lambda: 1, None)
-
-    def _each(
-        self, tasks: Iterable[Task], at_once: Callable[[], int], suspects: list[Task] | None
-    ) -> Iterator[tuple[Task, Result]]:
         waiting = deque(tasks)
         running: dict[Future[Result], Task] = {}
         while waiting or running:
-            free = at_once() - len(running) if waiting else 0
+            free = max(1, self.workers.count()) - len(running) if waiting else 0
             for _ in range(min(free, len(waiting))):
                 task = waiting.popleft()
                 running[self._submit(task)] = task
@@ -185,9 +177,6 @@ class Run:
             self.show(*self._progress.state())
             for future in wait(running, POLL_S, FIRST_COMPLETED).done:
                 task = running.pop(future)
-                if suspects is not None and _is_killed(future):
-                    suspects.append(task)
-                    continue
                 yield task, self._result(task, future)
                 self._progress.finish(task)
                 self.show(*self._progress.state())
@@ -212,19 +201,14 @@ class Run:
             raise self.workers.gone() from err
         except Exception as err:  # noqa: BLE001  whatever comes from another machine
             must_be, got = f'{self.job.done} by the workers', quote_error(err)
-            if _is_killed(future):
+            if type(err).__name__ == 'KilledWorker':
                 must_be = f'{self.job.done} without a worker that dies'
-                got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
+                got = f'{getattr(err, "allowed_failures", 0) + 1} that died'
             wrong = FilterError(f'the {self.job.what} {task.location.path}', must_be, got)
             result = Result(replace(self.job.goal(task), error=str(wrong)))
         for sentence in result.messages:
             self.inform(sentence)
         return result
-
-
-def _is_killed(future: Future[Result]) -> bool:
-    """Return whether Dask gave up on a task because its workers died."""
-    return not future.cancelled() and type(future.exception()).__name__ == 'KilledWorker'
 
 
 def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, str]) -> None:
