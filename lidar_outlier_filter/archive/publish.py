@@ -8,7 +8,7 @@ get theirs. So whatever a killed run leaves under a name is whole, and listed in
 """
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from itertools import count
@@ -23,7 +23,6 @@ from lidar_outlier_filter.archive import sidecar
 from lidar_outlier_filter.archive.jobs import Task
 from lidar_outlier_filter.archive.locations import (
     METADATA,
-    Location,
     exists,
     file_state,
     files_below,
@@ -71,7 +70,7 @@ def _taken(folder: RecordingPath) -> FilterError:
 
 @contextmanager
 def _lease(folder: RemotePath) -> Iterator[None]:
-    """Hold a lock that an object is, which is renewed: stores have no locks of their own."""
+    """Hold the lock of a folder on a store: an object, renewed while the run works."""
     path, name, ended = folder / new_files.LOCK, uuid4().hex, Event()
     if hasattr(folder.system, 'call_s3'):
         with reached(folder):  # a bucket that does not exist has no objects
@@ -159,7 +158,7 @@ def publish(task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, An
     log : what the sidecar contains beside the record
 
     """
-    files = _built(task, built)
+    files = _built(task.names, built)
     record = replace(record, outputs={name: mark_of(file) for name, file in files.items()})
     if isinstance(task.folder, Path):
         with new_files.writable(task.folder), workshop(task.folder) as older:
@@ -197,18 +196,17 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
         return
     if path.exists():
         raise foreign(path)
-    task = Task(Location(path, 0, ''), '', path.parent, (path.name,))
     with workshop(path.parent) as built:
         yield Path(built) / path.name
-        with _sent(path.parent, _built(task, Path(built))):
+        with _sent(path.parent, _built((path.name,), Path(built))):
             pass
 
 
-def _built(task: Task, built: Path) -> dict[str, Path]:
+def _built(names: Iterable[str], built: Path) -> dict[str, Path]:
     """List the files that were built, by name below the output folder; metadata come last."""
     files: dict[str, Path] = {}
-    for name, path in zip(task.names, task.outputs, strict=True):
-        one = built / path.name
+    for name in names:
+        one = built / Path(name).name
         if one.is_dir():
             inside = sorted(one.iterdir(), key=lambda file: (file.name == METADATA, file.name))
             files.update({f'{name}/{file.name}': file for file in inside})
@@ -221,7 +219,7 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
 def _sent(folder: RemotePath, files: Mapping[str, Path]) -> Iterator[None]:
     """Send files to a store; at the end they get their names, in their order.
 
-    On S3 their parts are no object before.
+    Until then S3 holds parts of uploads, and no object.
     """
     streams: list[Any] = []
     with written(folder), ExitStack() as undo:

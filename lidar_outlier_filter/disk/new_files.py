@@ -119,9 +119,9 @@ def _take(lock: IO[bytes]) -> None:
 
 
 def _remove_if_left(folder: Path) -> None:
-    """Remove a folder that a killed run left, which its lock shows; one of somebody else stays."""
+    """Remove a folder whose lock a killed run left, or an empty one; others stay."""
     with suppress(OSError):
-        folder.rmdir()  # a run was killed, or is about to make its lock, and makes another folder
+        folder.rmdir()  # a live run that has not made its lock yet makes another folder
     with suppress(OSError), (folder / LOCK).open('r+b') as lock:
         _take(lock)
         remove_hidden(folder)
@@ -130,8 +130,8 @@ def _remove_if_left(folder: Path) -> None:
 def remove_hidden(folder: Path) -> None:
     """Remove a folder into which a worker may still write.
 
-    It is renamed first: a worker that writes into it by its name finds it gone. The lock goes last:
-    if this run is killed meanwhile, the next one knows by it whose the folder is.
+    It is renamed first, so that the worker no longer finds it. The lock goes last: if this run is
+    killed meanwhile, the next one recognises the folder by it.
     """
     gone = folder if folder.name.endswith(_GONE) else folder.with_name(f'{folder.name}{_GONE}')
     with suppress(OSError):

@@ -158,7 +158,7 @@ class TunableNode(Node):  # type: ignore[misc]
         return response
 
     def _file(self) -> Path:
-        """Return ``save_to``, or a file named after this node in ROS_HOME; ~ not expanded."""
+        """Return ``save_to``, or else a file in ROS_HOME, named after this node; ~ stays."""
         if self._parameters_now.save_to:
             return Path(str(self._parameters_now.save_to))
         home = Path(os.environ.get('ROS_HOME') or '~/.ros')

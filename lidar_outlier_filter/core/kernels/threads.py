@@ -87,7 +87,7 @@ def run(
     numbers = itertools.count()  # taken by one thread each, because of the GIL
 
     def some() -> None:
-        # A range that is taken is finished: the first error in their order is among the failed.
+        # Ranges are taken in order, and a taken one is finished. So the first error is found.
         while not failed and (number := next(numbers)) < len(begins):
             begin = begins[number]
             try:
@@ -95,8 +95,8 @@ def run(
             except BaseException as error:  # noqa: BLE001  it is raised below
                 failed[number] = error
 
-    # The caller works as well, and tasks that have not begun are cancelled. So nobody waits for a
-    # thread that is busy with something else, and nested calls cannot lock each other up.
+    # The caller works as well, and then cancels tasks that have not begun. So it never waits for a
+    # thread that does other work, and nested calls cannot deadlock.
     tasks = [_helpers().submit(some) for _ in range(helpers)]
     some()
     wait([task for task in tasks if not task.cancel()])

@@ -31,22 +31,22 @@ NAMES = {
     SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
 }
 NAMES[FREE_MODEL] = NAMES[PATTERN_MODEL]
-QUESTIONS, VALUES = 7, 8  # of a tree: a point meets three of the questions
+QUESTIONS, VALUES = 7, 8  # inner nodes and leaves of a tree of depth 3
 MIN_LOG_ODDS = -8.0  # a score of 0
-# How find_valleys() lowers a threshold: the log-odds that it tries are a step apart, and it counts
-# the points near each. A threshold that fewer points exceed than make a hill stays.
+# find_valleys() tries log-odds in steps, and counts the points within NEAR_LOG_ODDS of each. It
+# keeps a threshold that fewer points exceed than this share, or this number.
 STEP_LOG_ODDS, NEAR_LOG_ODDS = 0.1, 0.5
 MIN_HILL_SHARE, MIN_HILL_POINTS = 0.005, 50
 
 
 class Trees(NamedTuple):
-    """An ensemble of T trees, all of them complete, so that lanes need no branch.
+    """An ensemble of T complete trees: vector instructions evaluate them without branches.
 
     Attributes
     ----------
     feature : (T, 7) int32
-        Row of the feature asked about by the root, then by its children from left to right, and by
-        theirs. A point goes right where its feature is greater.
+        Row of the feature that each inner node compares with its limit: the root, its children from
+        left to right, and theirs. A point goes right where its feature is greater.
     limit : (T, 7) float32
     value : (T, 8) float32
         Of the leaves, from left to right.
@@ -134,7 +134,7 @@ def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
 
 
 def find_valleys(log_odds: Reals, thresholds: Floats, drop: float) -> Floats:
-    """Return thresholds (T,) lowered by up to ``drop`` to where the fewest log-odds (N,) are near.
+    """Return thresholds (T,), each lowered by up to ``drop`` to the sparsest of the log-odds (N,).
 
     Outliers make one hill in the histogram of a block's log-odds, good points another; between
     them, the fewest points are uncertain (Prewitt and Mendelsohn 1966,
