@@ -50,11 +50,7 @@ def add_replay(commands: Commands) -> None:
     )
     add_chain_option(parser)
     add_parameter_options(parser)
-    add(
-        '--drop-input',
-        action='store_true',
-        help='do not copy the input clouds',
-    )
+    add('--drop-input', action='store_true', help='do not copy the input clouds')
     _add_accepted_share(parser, 'the exit status is 4')
     add(
         '--salvage',
@@ -169,6 +165,12 @@ def _add_outputs(parser: ArgumentParser) -> None:
         action='store_true',
         help='write no cloud; print rejected points by detector, class and place, and the '
         'largest groups',
+    )
+    add(
+        '--list',
+        type=Path,
+        metavar='FILE.csv|.gpkg',
+        help='list rejected points, with reasons, as a new CSV or GeoPackage; also in a dry run',
     )
     add(
         '--picture',

@@ -34,6 +34,7 @@ from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, split_name
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
+from lidar_outlier_filter.files.rejected_list import LISTS, write_rejected
 from lidar_outlier_filter.files.text import is_prose
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -103,6 +104,7 @@ def _clean_options(options: argparse.Namespace) -> CleanOptions:
         unit=options.unit,
         accept_share=options.accept_share,
         buffer=options.buffer,
+        reasons=options.list is not None,
     )
 
 
@@ -113,11 +115,17 @@ def _clean_one(
     inspect: Inspect | None,
 ) -> int:
     """Clean a single file with a progress bar; an error ends the command."""
-    path, worst = options.files[0].absolute(), list[Any]()
+    path, listed, worst = options.files[0].absolute(), options.list, list[Any]()
     output, *outliers = (name.absolute() for name in _outputs(path, options, folder, path.name))
 
     def interrupted() -> str:
         return f'nothing is written to {output}; the same command starts over'
+
+    def inspect_judged(judged: JudgedFile) -> None:
+        if listed is not None:
+            write_rejected(judged, listed)
+        if inspect is not None:
+            worst.append(inspect(judged))
 
     how, start = _clean_options(options), perf_counter()
     with saying_how_far(interrupted), stoppable_bar(path.name) as progress:
@@ -130,9 +138,11 @@ def _clean_one(
             outliers=options.outliers or next(iter(outliers), None),
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
-            inspect=inspect and (lambda judged: worst.append(inspect(judged))),
+            inspect=inspect_judged,
         )
     tables.show_file(path, report, next(iter(worst), None), perf_counter() - start)
+    if listed is not None:
+        show(f'written to {listed}')
     return INCOMPLETE if report.is_untested else DONE
 
 
@@ -169,16 +179,21 @@ def _folder(options: argparse.Namespace) -> Path | None:
 def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
     """Refuse conflicting options."""
     check_workers(options, is_archive=is_archive)
-    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
-        if value and count > 1:
-            raise ParameterError(name, 'given for one file', f'{count} files')
+    for name in ('outliers', 'picture', 'list'):
+        value = getattr(options, name)
+        if value and (count > 1 or (is_archive and name == 'list')):
+            got = f'{count} files' if count > 1 else 'a folder'
+            raise ParameterError(f'--{name}', 'given for one file', got)
         if value and (options.scheduler or options.scheduler_file):
-            raise ParameterError(name, 'left out with --scheduler', value)
+            raise ParameterError(f'--{name}', 'left out with --scheduler', value)
     check_accepted_share(options)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
-    if options.picture:
-        check_new(options.picture, what='--picture')
+    if options.list and options.list.suffix.lower() not in LISTS:
+        raise ParameterError('--list', f'a name that ends with {" or ".join(LISTS)}', options.list)
+    for name in ('picture', 'list'):
+        if getattr(options, name):
+            check_new(getattr(options, name), what=f'--{name}')
 
 
 def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:

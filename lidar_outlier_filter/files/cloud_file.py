@@ -92,7 +92,7 @@ class CloudFile(Protocol):
     gaps : whether points left out of a copy become missing returns, to keep the grid; columns
         cannot be added then
     whole : why points cannot be left out of a copy; empty if they can
-    crs : the name of the coordinate system; empty where the file names none
+    crs, wkt : name and WKT of the coordinate system; empty where the file names none
     metres : metres per unit of the columns with coordinates that are not in metres
     about : properties of the format, by name, such as its version
     octree : that of a COPC file, which its copies may keep
@@ -108,6 +108,7 @@ class CloudFile(Protocol):
     gaps: bool = False
     whole: str = ''
     crs: str = ''
+    wkt: str = ''
     metres: Mapping[str, float] = MappingProxyType({})
     about: Mapping[str, str] = MappingProxyType({})
     octree: object | None = None

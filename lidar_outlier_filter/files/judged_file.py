@@ -57,6 +57,7 @@ class CleanOptions:
     accept_share : share of the points that may be rejected; None: what the default may reject
     buffer : width around the file, metres, from which points of the LAS files in its folder are
         seen, but not judged; 0: none are
+    reasons : whether the verdict has reasons, even if no column is written for them
 
     """
 
@@ -75,6 +76,7 @@ class CleanOptions:
     unit: str | None = None
     accept_share: float | None = None
     buffer: float = 0.0
+    reasons: bool = False
 
 
 @dataclass(frozen=True)
@@ -153,14 +155,10 @@ def judge_file(  # noqa: PLR0913  options and callbacks
             loaded = points.recovered(file, loaded, cloud)
             cloud = loaded.points
         tile = options.tile if cloud.ring is None else 0.0  # a turn of rings is small
-        chain = Chain(parameters)
+        how = parameters.changed({'scores': True}) if options.reasons else parameters
+        chain = Chain(how)
         judge = partial(
-            judge_whole,
-            parameters=parameters,
-            chain=chain,
-            slow=slow,
-            tile=tile,
-            allocate=allocate,
+            judge_whole, parameters=how, chain=chain, slow=slow, tile=tile, allocate=allocate
         )
         axes = {name: metres.get(name, 1.0) for name in coordinates}
         loaded, everything = _judge_points(

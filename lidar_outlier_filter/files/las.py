@@ -36,8 +36,8 @@ from lidar_outlier_filter.files.las_header import (
     LasRecord,
     check_las_points,
     check_scaling,
-    crs_name,
     metres_per_unit,
+    name_and_wkt,
     read_records,
 )
 
@@ -120,9 +120,18 @@ class LasFile(CloudFile):
         return {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER}
 
     @cached_property
+    def _crs(self) -> tuple[str, str]:
+        return name_and_wkt(self._system, self.path)
+
+    @property
     def crs(self) -> str:  # type: ignore[override]  # it may refuse to say it
         """The name of the coordinate system; empty where the file names none."""
-        return crs_name(self._system, self.path)
+        return self._crs[0]
+
+    @property
+    def wkt(self) -> str:  # type: ignore[override]  # likewise
+        """The coordinate system as WKT."""
+        return self._crs[1]
 
     @cached_property
     def metres(self) -> Mapping[str, float]:  # type: ignore[override]  # it may refuse to say it

@@ -153,17 +153,20 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
     return {axis: size for axis, size in sizes.items() if size is not None and size != 1.0}
 
 
-def crs_name(records: Mapping[int, bytes], path: Path) -> str:
-    """Name the coordinate system; empty if PROJ knows none of that name."""
-    codes = _keys(records)
+def name_and_wkt(records: Mapping[int, bytes], path: Path) -> tuple[str, str]:
+    """Return name and WKT 1 of the coordinate system; empty if PROJ knows none of that name."""
+    text, code = _wkt_text(records), _keys(records).get(PLANE, OWN)
+    if not text and code == OWN:
+        return '', ''
     try:
-        if text := _wkt_text(records):
-            return _system(text, path).name
-        if codes.get(PLANE, OWN) != OWN:
-            return f'EPSG:{codes[PLANE]} {_system(f"EPSG:{codes[PLANE]}", path).name}'
+        system = _system(text or f'EPSG:{code}', path)
     except CloudError:
-        pass
-    return ''
+        return '', ''
+    name = system.name if text else f'EPSG:{code} {system.name}'
+    try:
+        return name, system.to_wkt('WKT1_GDAL')
+    except CRSError:  # of a kind that WKT 1 does not have
+        return name, system.to_wkt()
 
 
 def _keys(records: Mapping[int, bytes]) -> dict[int, int]:

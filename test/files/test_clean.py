@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `clean`: files in, files out, and a log of what was done."""
 
+import csv
 import json
+import sqlite3
+import struct
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +17,11 @@ import pytest
 from helpers import names
 from helpers.cloud_files import columns
 from helpers.programs import ended
+from pyproj import CRS
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.registry import reasons
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
@@ -98,6 +104,37 @@ def test_removed_and_separated(folder: Path, name: str) -> None:
         np.testing.assert_array_equal(first, column[~rejected])
         np.testing.assert_array_equal(second, column[rejected])
     assert len(columns(out)[0]) > 10
+
+
+def test_list_of_the_rejected_points(folder: Path) -> None:
+    """CSV and GeoPackage list each: its place in the file's system, score, and reason in words."""
+    path, command = folder / 'sample_lareunion_epsg2975.laz', ['clean', '--chain=boosted_trees,sor']
+    for name in ('list.csv', 'list.gpkg'):
+        assert main([*command, str(path), '--dry-run', '--list', str(folder / name)]) == 0
+    assert main([*command, str(path), '--scores']) == 0
+    copy = laspy.read(folder / f'{path.stem}_cleaned.laz')
+    some = copy[copy['outlier_score'] > 1]
+    texts = {number: one.text for number, one in reasons().items()}
+    why = [texts.get(n, 'is too far from its nearest neighbours') for n in some['outlier_reason']]
+    assert len(set(why)) == 2
+    names = {8: 'sor', 64: 'boosted_trees', 72: 'sor boosted_trees'}
+    by = [names[bits] for bits in some['outlier_detectors']]
+    where = np.flatnonzero(copy['outlier_score'] > 1).tolist()
+    expected = list(zip(where, some['outlier_score'].tolist(), by, why, strict=True))
+    with (folder / 'list.csv').open(encoding='utf-8', newline='') as stream:
+        _, *rows = csv.reader(stream)
+    np.testing.assert_array_equal(np.array([row[:3] for row in rows], float), some.xyz)
+    assert [(int(i), float(score), *said) for _, _, _, i, score, *said in rows] == expected
+    with closing(sqlite3.connect(folder / 'list.gpkg')) as database:
+        _, shapes, *about = zip(*database.execute('SELECT * FROM rejected'), strict=True)
+        system = 'SELECT definition FROM gpkg_spatial_ref_sys NATURAL JOIN gpkg_geometry_columns'
+        ((wkt,),) = database.execute(system)
+    assert list(zip(*about, strict=True)) == expected
+    # OGC 12-128r18, clause 2.1.3: magic, version, little-endian, system; then a point with z.
+    found = [struct.unpack('<2sBBiBI3d', shape) for shape in shapes]
+    assert {one[:6] for one in found} == {(b'GP', 0, 1, 100_000, 1, 1001)}
+    np.testing.assert_array_equal([one[6:] for one in found], some.xyz)
+    assert CRS(wkt).to_epsg() == 2975
 
 
 # Time and scan lines
