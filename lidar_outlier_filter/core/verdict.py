@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.parameters.declaration import BITS, MASKED, MASKED_REASON
+from lidar_outlier_filter.parameters.declaration import BITS, MASKED, MASKED_REASON, SHADOW_REASON
 
 Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
@@ -80,6 +80,8 @@ class Verdict:
             verdict.detectors[points.masked] = MASKED
             verdict.rejected[points.masked] = True
             verdict.reason[points.masked] = MASKED_REASON
+            if points.shadow is not None:
+                verdict.reason[points.masked & points.shadow] = SHADOW_REASON
         return verdict
 
     @property

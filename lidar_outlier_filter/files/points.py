@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.points import columns as usual
 from lidar_outlier_filter.core.points.line_recovery import MAX_HEADS, Claim, settle_lines
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.files.mirror_lines import (
@@ -130,6 +130,9 @@ def load(  # noqa: PLR0913  which columns, and where to
         raise CloudError(f'the number of points of {file.path}', must_be, len(file))
     mask = mask_of(parameters)
     ring = [] if mask is None else _line_columns(file, parameters, 'where there is a mask')
+    if parameters.mask_shadow and (file.crs or file.grids):
+        must_be = f'false for {file.path}, which does not say where its sensor was'
+        raise ParameterError('mask_shadow', must_be, 'true')
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))
     sizes = file.metres if metres is None else metres
     xyz, columns = _read(file, coordinates, others, sizes, allocate, progress)

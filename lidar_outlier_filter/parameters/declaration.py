@@ -21,7 +21,7 @@ LARGEST = 2**63  # of ROS's whole numbers
 OFF = 'off'
 BITS = tuple(1 << n for n in range(14))  # that a detector may have
 MASK, MASKED = 'mask', 1 << 14  # of points on the own vehicle, which no detector sees
-MASKED_REASON = 255  # in outlier_reason
+MASKED_REASON, SHADOW_REASON = 255, 254  # in outlier_reason
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a string'}
 
 

@@ -209,6 +209,10 @@ class FilterParameters:
         fixed=True,
     )
     mask_tolerance: float = declare(0.1, 'Tolerance of the ranges in the mask.', 'm', 0.0, 10.0)
+    mask_shadow: bool = declare(
+        default=False,
+        text='Mask points behind the own vehicle, too, which its sensor cannot see.',
+    )
     scores: bool = declare(
         default=False,
         text='Add outlier_score (float32), outlier_detectors (uint16), '
@@ -327,6 +331,8 @@ def _check_together(parameters: FilterParameters) -> None:
     if parameters.mask != OFF and len(parameters.inputs) > 1:
         must_be = f"'{OFF}' with several inputs, each of which sees the vehicle from elsewhere"
         raise ParameterError('mask', must_be, repr(parameters.mask))
+    if parameters.mask_shadow and parameters.mask == OFF:
+        raise ParameterError('mask_shadow', 'false without a mask', 'true')
     if parameters.vote > len(parameters.chain):
         must_be = f'at most the {len(parameters.chain)} of the chain'
         raise ParameterError('vote', must_be, parameters.vote)

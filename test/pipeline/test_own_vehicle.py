@@ -6,19 +6,22 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
 import pytest
 from helpers.clouds import cloud, point_bytes
-from helpers.own_vehicle import stamp, turn
+from helpers.own_vehicle import ROW, stamp, turn
+from pyproj import CRS
 
 from lidar_outlier_filter import CloudError, CloudFilter, ParameterError, detect_outliers
 from lidar_outlier_filter.core.annotations import Rows
+from lidar_outlier_filter.core.detectors.registry import reasons
 from lidar_outlier_filter.core.points.mask import MaskLearner, as_text
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.parameters.declaration import MASKED, MASKED_REASON
+from lidar_outlier_filter.parameters.declaration import MASKED, MASKED_REASON, SHADOW_REASON
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 CHAINS = [['boosted_trees'], ['sor'], ['sor', 'lof'], ['alpha_beta_gamma']]
@@ -112,6 +115,46 @@ def test_tolerance(mask: str) -> None:
     assert not detect_outliers(rows, parameters=given).masked.any()
     wider = given | {'mask_tolerance': 0.4}
     assert detect_outliers(rows, parameters=wider).masked[own].all()
+
+
+def test_shadow(mask: str) -> None:
+    """Points behind the vehicle are outliers for that reason; those in front and beside stay."""
+    rows = turn(30)
+    own = np.flatnonzero(rows['own'])
+    behind, before = own[::7], own[3::7]
+    beside = np.flatnonzero((np.roll(rows['own'], 32) == 1) & (rows['own'] == 0))
+    for some, metres in ((behind, 6.0), (before, 0.7), (beside, 6.0)):
+        scale = metres / np.sqrt(sum(rows[axis][some] ** 2 for axis in 'xyz'))
+        for axis in 'xyz':
+            rows[axis][some] *= scale
+    given = {'chain': ['sor'], 'mask': mask, 'scores': True}
+    assert not detect_outliers(rows, parameters=given).masked[behind].any()
+    given['mask_shadow'] = True
+    masked = detect_outliers(rows, parameters=given).masked
+    assert masked[own[1::7]].all()
+    assert not masked[[*before, *beside]].any()
+    for parts in (1, 3):
+        found, _ = results([rows], given, parts)
+        outliers = np.concatenate([structured(one.outliers).reshape(-1) for one in found])
+        shadow = outliers[outliers['outlier_reason'] == SHADOW_REASON]
+        assert sorted(shadow[list(ROW.names)].tolist()) == sorted(rows[behind].tolist())
+        assert (shadow['outlier_detectors'] == MASKED).all()
+    assert reasons()[SHADOW_REASON].text == 'in the shadow of the own vehicle'
+    with pytest.raises(ParameterError, match='mask_shadow must be false without a mask, got true'):
+        FilterParameters().changed({'mask_shadow': True})
+
+
+def test_shadow_needs_the_place_of_the_sensor(mask: str, tmp_path: Path) -> None:
+    """A file in a coordinate system of the land does not have it, and is refused."""
+    path = tmp_path / 'map.las'
+    file = laspy.LasData(laspy.LasHeader(point_format=6, version='1.4'))
+    file.header.add_crs(CRS.from_epsg(25832))
+    file.x, file.y, file.z = np.ones((3, 1))
+    file.add_extra_dim(laspy.ExtraBytesParams('ring', np.uint8))
+    file.write(path)
+    parameters = FilterParameters().changed({'mask': mask, 'mask_shadow': True, 'chain': ['sor']})
+    with pytest.raises(ParameterError, match='which does not say where its sensor was'):
+        clean_file(path, tmp_path / 'out.las', parameters)
 
 
 def test_arrays_need_the_ring(mask: str) -> None:

@@ -9,7 +9,13 @@ from typing import Any
 
 from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
 from lidar_outlier_filter.core.detectors.declaration import Detector, ReasonName, resolve
-from lidar_outlier_filter.parameters.declaration import MASK, MASKED, MASKED_REASON, OFF
+from lidar_outlier_filter.parameters.declaration import (
+    MASK,
+    MASKED,
+    MASKED_REASON,
+    OFF,
+    SHADOW_REASON,
+)
 from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 
 # By name, in the order of their bits.
@@ -42,7 +48,9 @@ def reasons() -> Mapping[int, ReasonName]:
     """Return what the numbers in ``outlier_reason`` mean."""
     every = [one.REASONS.items() for one in explanations().values()]
     vehicle = ReasonName(MASK, 'on the own vehicle')
-    return {**dict(chain.from_iterable(every)), MASKED_REASON: vehicle}
+    shadow = ReasonName('mask_shadow', 'in the shadow of the own vehicle')
+    known = dict(chain.from_iterable(every))
+    return {**known, SHADOW_REASON: shadow, MASKED_REASON: vehicle}
 
 
 def table() -> str:

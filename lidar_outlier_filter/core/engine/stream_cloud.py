@@ -61,7 +61,7 @@ class StreamCloud:
         self.verdict = Verdict.beforehand(self.points)
         if self.points.masked is not None:
             self.vehicle = self.points.take(self.points.masked)
-            self.points = replace(self.points, masked=None)
+            self.points = replace(self.points, masked=None, shadow=None)
         self.where = np.flatnonzero(self.points.valid)
         if len(self.where) != len(self.points):
             self.points = self.points.take(self.where)
@@ -89,7 +89,7 @@ class StreamCloud:
         if self.vehicle is None or self.points.own is not None:
             return self.points, self.where
         where = np.concatenate([self.where, np.flatnonzero(self.verdict.masked)])
-        return concatenate([self.points, replace(self.vehicle, masked=None)]), where
+        return concatenate([self.points, replace(self.vehicle, masked=None, shadow=None)]), where
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the valid points with begin <= t < end."""

@@ -8,6 +8,7 @@ Returns that stay at the same direction and range while the vehicle moves are of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
@@ -70,6 +71,13 @@ class Mask:
         """Where the vehicle is, (R, COLUMNS)."""
         return np.asarray(self.far >= self.near)
 
+    @cached_property
+    def with_shadow(self) -> Mask:
+        """The mask up to any range, without the columns at its edges: beams pass beside them."""
+        seen = self.is_seen
+        inner = seen & np.roll(seen, 1, axis=1) & np.roll(seen, -1, axis=1)
+        return Mask(np.where(inner, self.near, np.inf), np.where(inner, np.inf, -np.inf))
+
     def covers(self, points: Points, tolerance: float) -> Bools:
         """Return which of N valid points are on the vehicle; invalid ones are not.
 
@@ -86,11 +94,15 @@ class Mask:
 
 
 def masked(points: Points, mask: Mask | None, parameters: FilterParameters) -> Points:
-    """Mask the own vehicle: masked points are neither valid nor neighbours."""
+    """Mask the own vehicle, and its shadow: masked points are neither valid nor neighbours."""
     if mask is None:
         return points
     covered = mask.covers(points, parameters.mask_tolerance)
-    return replace(points, valid=points.valid & ~covered, masked=covered)
+    shadow = None
+    if parameters.mask_shadow:
+        shadow = mask.with_shadow.covers(points, parameters.mask_tolerance) & ~covered
+        covered |= shadow
+    return replace(points, valid=points.valid & ~covered, masked=covered, shadow=shadow)
 
 
 def mask_of(parameters: FilterParameters) -> Mask | None:

@@ -55,6 +55,8 @@ class Points:
         In a partly transformed cloud: whether ``xyz`` is in the fixed frame.
     masked : (N,) bool or None
         On the own vehicle, if a mask is set; not valid, so that no detector uses it.
+    shadow : (N,) bool or None
+        Which of the masked points are behind it.
     head : (N,) int64 or None
         Which of several scanners measured it, where a column says so; until it has its line.
 
@@ -70,6 +72,7 @@ class Points:
     ring: NDArray[np.int64] | None = None
     fixed: NDArray[np.bool_] | None = None
     masked: NDArray[np.bool_] | None = None
+    shadow: NDArray[np.bool_] | None = None
     head: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
