@@ -7,6 +7,7 @@ their parts first. Then older outputs lose their names, the sidecar is replaced,
 get theirs. So whatever a killed run leaves under a name is whole, and listed in a sidecar.
 """
 
+import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -176,7 +177,10 @@ def publish(task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, An
 def _rename(task: Task, built: Path, older: Path, text: str) -> None:
     """Move older outputs away, replace the sidecar, and give new outputs their names."""
     paths, own = [Path(str(path)) for path in task.outputs], Path(str(task.sidecar))
-    (built / own.name).write_text(text)  # a full disk refuses it before anything is moved
+    with (built / own.name).open('w') as stream:  # a full disk refuses it before anything is moved
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())  # not empty after a loss of power, either
     find_outputs(task, read=True)
     for path in paths:
         if exists(path):
