@@ -24,7 +24,6 @@ from lidar_outlier_lab.simulation.scenes.roadside import (
     hedges,
     laths,
     mesh,
-    posts,
     telephone,
     tramway,
 )
@@ -103,7 +102,7 @@ def training_street(seed: int) -> TrainingStreet:
 
 
 def _roadside(half: float, rng: np.random.Generator) -> Iterator[Surface]:
-    """Put up wires, fences, hedges and posts, or not."""
+    """Put up wires, fences and hedges, or not."""
     chosen = rng.random(5) < ROADSIDE
     left, right = half + rng.uniform(0.4, 2.2), -half - rng.uniform(0.4, 2.2)
     split = rng.uniform(0.0, 12.0)
@@ -120,10 +119,6 @@ def _roadside(half: float, rng: np.random.Generator) -> Iterator[Surface]:
     if chosen[4]:
         yield from hedges(BEHIND, split - 1.0, left, rng)
         yield from hedges(split + 1.0, AHEAD, right, rng)
-    own = rng.spawn(1)[0]  # numbers of its own: other draws stay as they are
-    for side in (half, -half):
-        if own.random() < ROADSIDE:
-            yield from posts(side + np.sign(side) * own.uniform(0.3, 1.0), own)
 
 
 def _traffic(
