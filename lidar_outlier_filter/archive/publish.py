@@ -53,6 +53,8 @@ def locked(folder: RecordingPath) -> Iterator[None]:
             stack.enter_context(_lease(folder))
         else:
             with new_files.writable(folder):
+                if not folder.exists():
+                    stack.callback(_remove_empty, folder)  # of a run that is refused
                 folder.mkdir(parents=True, exist_ok=True)
                 try:
                     stack.enter_context(new_files.only_run(folder))
@@ -62,6 +64,11 @@ def locked(folder: RecordingPath) -> Iterator[None]:
                 stack.callback(new_files.remove_hidden, folder / HIDDEN)
                 (folder / HIDDEN).mkdir()
         yield
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):  # it is not
+        folder.rmdir()
 
 
 def _taken(folder: RecordingPath) -> FilterError:

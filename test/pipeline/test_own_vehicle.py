@@ -137,7 +137,7 @@ def test_shadow(mask: str) -> None:
         found, _ = results([rows], given, parts)
         outliers = np.concatenate([structured(one.outliers).reshape(-1) for one in found])
         shadow = outliers[outliers['outlier_reason'] == SHADOW_REASON]
-        assert sorted(shadow[list(ROW.names)].tolist()) == sorted(rows[behind].tolist())
+        assert sorted(shadow[[*(ROW.names or ())]].tolist()) == sorted(rows[behind].tolist())
         assert (shadow['outlier_detectors'] == MASKED).all()
     assert reasons()[SHADOW_REASON].text == 'in the shadow of the own vehicle'
     with pytest.raises(ParameterError, match='mask_shadow must be false without a mask, got true'):
