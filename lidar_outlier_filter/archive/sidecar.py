@@ -134,7 +134,8 @@ def read(path: RecordingPath) -> ArchiveRecord | None:
     """Read a sidecar; None if it does not exist."""
     if not exists(path):
         return None
-    records = _parsed(read_all([path])) if path.is_file() else []
+    is_small = _is_plain(path) and file_state(path)[0] <= MAX_BYTES
+    records = _parsed(read_all([path])) if is_small else []
     if not records:
         raise foreign(path)
     return records[0]
@@ -160,11 +161,16 @@ def mark_of(path: RecordingPath) -> FileMark:
 
 def agrees(path: RecordingPath, mark: FileMark, *, read: bool = False) -> bool:
     """Return whether a file has the fingerprint; ``read`` does not trust an equal state."""
-    if isinstance(path, Path) and (path.is_symlink() or not path.is_file()):
+    if isinstance(path, Path) and not _is_plain(path):
         return False
     size, state = file_state(path)
     is_same = state == mark.state and not read
     return size == mark.size and (is_same or file_hash(path) == mark.sha256)
+
+
+def _is_plain(path: RecordingPath) -> bool:
+    """Return whether a path is a file, and no link to one."""
+    return path.is_file() and not (isinstance(path, Path) and path.is_symlink())
 
 
 def content_hash(location: Location) -> str:

@@ -17,6 +17,7 @@ from helpers.archives import command_of, content, hidden, records, tree
 from lidar_outlier_filter.archive import run
 from lidar_outlier_filter.archive.jobs import Task
 from lidar_outlier_filter.archive.publish import publish
+from lidar_outlier_filter.archive.sidecar import MAX_BYTES
 from lidar_outlier_filter.cli.main import main
 
 Capture = pytest.CaptureFixture[str]
@@ -89,6 +90,8 @@ EDITS: dict[str, Callable[[], Path]] = {
     'a link': lambda: link(first()),
     'a file laid into an output': lambda: lay(first()),
     'a sidecar, edited': lambda: append(sidecar()),
+    'a sidecar, linked': lambda: link(sidecar()),
+    'a sidecar, too large': lambda: replace(sidecar(), sidecar().read_text() + ' ' * MAX_BYTES),
     'brackets': lambda: replace(sidecar(), '[' * 200_000),
     'other JSON': lambda: replace(sidecar(), '{"archive": []}'),
     'no text': lambda: Path(shutil.copy(sys.executable, sidecar())),

@@ -8,39 +8,28 @@ from collections.abc import Mapping, Sequence
 Cells = Mapping[tuple[int, int], tuple[float, float]]
 
 
-def covered(
+def find_masked(
     xyz: Sequence[Sequence[float]],
     ring: Sequence[int],
     valid: Sequence[bool],
     cells: Cells,
     tolerance: float,
-) -> list[bool]:
-    """Look up the cell of each point: columns of half a degree, from x on against the clock."""
-    result = []
-    for position, number, is_valid in zip(xyz, ring, valid, strict=True):
-        cell = (number, column_of(position))
-        if not is_valid or cell not in cells:
-            result.append(False)
-            continue
-        near, far = cells[cell]
-        result.append(near - tolerance <= range_of(position) <= far + tolerance)
-    return result
+) -> tuple[list[bool], list[bool]]:
+    """Find the points on the vehicle, and those behind it.
 
-
-def shadowed(
-    xyz: Sequence[Sequence[float]],
-    ring: Sequence[int],
-    valid: Sequence[bool],
-    cells: Cells,
-    tolerance: float,
-) -> list[bool]:
-    """Find the points behind the vehicle, where it is in the columns on either side, too."""
-    result = []
+    Columns are half a degree wide, from x on against the clock. A shadow needs the vehicle in the
+    columns on either side, too.
+    """
+    on_vehicle, in_shadow = [], []
     for position, number, is_valid in zip(xyz, ring, valid, strict=True):
-        beside = [(number, (column_of(position) + step) % 720) for step in (0, -1, 1)]
-        is_behind = is_valid and all(cell in cells for cell in beside)
-        result.append(is_behind and range_of(position) > cells[beside[0]][1] + tolerance)
-    return result
+        cell, *beside = [(number, (column_of(position) + step) % 720) for step in (0, -1, 1)]
+        is_there = is_valid and cell in cells
+        near, far = cells[cell] if is_there else (math.inf, math.inf)
+        distance = range_of(position)
+        on_vehicle.append(near - tolerance <= distance <= far + tolerance)
+        is_inside = is_there and all(one in cells for one in beside)
+        in_shadow.append(is_inside and distance > far + tolerance)
+    return on_vehicle, in_shadow
 
 
 def column_of(position: Sequence[float]) -> int:

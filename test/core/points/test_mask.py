@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.own_vehicle import turn
-from naive.mask import covered, shadowed
+from naive.mask import find_masked
 
 from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points import mask as masks
@@ -48,11 +48,12 @@ def test_covers_as_the_naive_twin(seed: int) -> None:
     """Ranges at the tolerance count; rings that the mask has not, and missing returns, do not."""
     mask, points, cells = drawn(seed)
     found = mask.covers(points, 0.25)
-    given = points.xyz.tolist(), points.line.tolist(), points.valid.tolist(), cells, 0.25
-    assert found.tolist() == covered(*given)
+    given = points.xyz.tolist(), points.line.tolist(), points.valid.tolist()
+    on_vehicle, in_shadow = find_masked(*given, cells, 0.25)
+    assert found.tolist() == on_vehicle
     assert 50 < found.sum() < len(points)
     behind = mask.with_shadow.covers(points, 0.25) & ~found
-    assert behind.tolist() == shadowed(*given)
+    assert behind.tolist() == in_shadow
     assert 50 < behind.sum() < len(points)
 
 
