@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods of the default detector, the choice between them, and explanations of scores."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from enum import Enum
 
 import numpy as np
@@ -35,6 +35,7 @@ from lidar_outlier_filter.core.detectors.declaration import Contributions, Reaso
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.plausible import is_in_one_plane, rejects_surfaces
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels.threads import run
 from lidar_outlier_filter.core.neighbours.floor import measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
@@ -136,10 +137,14 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     return Method.UNTESTED, None
 
 
-def _stretches(
-    seen: DetectorInput, found: FoundPattern, parameters: FilterParameters, asked: Bools
-) -> Iterator[tuple[Ints, Bools, FoundPattern]]:
-    """Yield points that are judged together, which asked ones (N,) are judged, and their pattern.
+def _each_stretch(
+    seen: DetectorInput,
+    found: FoundPattern,
+    parameters: FilterParameters,
+    asked: Bools,
+    work: Callable[[Ints, Bools, FoundPattern, int], None],
+) -> None:
+    """Do work for points judged together, asked ones (N,) of them, and their pattern, in threads.
 
     Lines of a profile scanner are compared with others of their time: a whole cloud is judged in
     the blocks of a stream, each with its halo. Where a block has no pattern, that of all counts.
@@ -147,21 +152,27 @@ def _stretches(
     t = seen.points.t
     block, halo = (round(length * SECOND) for length in (parameters.block, parameters.halo))
     if not seen.whole or found.model != PROFILE_MODEL or np.ptp(t) <= block:
-        yield np.arange(len(t)), asked, found
+        work(np.arange(len(t)), asked, found, seen.threads)
         return
     order, without = np.argsort(t, kind='stable'), np.zeros(len(t), np.bool_)
-    for number in np.unique(t[asked] // block).tolist():
-        begin, end = number * block, (number + 1) * block
-        low, high = np.searchsorted(t, (begin - halo, end + halo), sorter=order)
-        members = np.sort(order[low:high])
-        own = asked[members] & (t[members] >= begin) & (t[members] < end)
-        local = find_either(seen.points.take(members), 'profile', seen.threads)
-        if local is None:
-            without[members[own]] = True
-        else:
-            yield members, own, local
+    numbers = np.unique(t[asked] // block)
+    threads = seen.threads if len(numbers) == 1 else 1  # of each: blocks share them
+
+    def some(first: int, last: int) -> None:
+        for number in numbers[first:last].tolist():
+            begin, end = number * block, (number + 1) * block
+            low, high = np.searchsorted(t, (begin - halo, end + halo), sorter=order)
+            members = np.sort(order[low:high])
+            own = asked[members] & (t[members] >= begin) & (t[members] < end)
+            local = find_either(seen.points.take(members), 'profile', threads)
+            if local is None:
+                without[members[own]] = True
+            else:
+                work(members, own, local, threads)
+
+    run(some, len(numbers), 1, seen.threads)
     if without.any():
-        yield np.arange(len(t)), without, found
+        work(np.arange(len(t)), without, found, seen.threads)
 
 
 def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameters) -> Scores:
@@ -172,12 +183,15 @@ def _judge(seen: DetectorInput, found: FoundPattern, parameters: FilterParameter
         reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
         scores = np.empty(len(seen.points))
         every = np.ones(len(scores), np.bool_)
-        for members, own, local in _stretches(seen, found, parameters, every):
+
+        def work(members: Ints, own: Bools, local: FoundPattern, threads: int) -> None:
             why = None if reason is None else np.zeros(len(members), np.uint8)
-            scored = judge(local.pattern, threshold, seen.threads, model=local.model, reason=why)
+            scored = judge(local.pattern, threshold, threads, model=local.model, reason=why)
             scores[members[own]] = scored[own]
             if reason is not None and why is not None:
                 reason[members[own]] = why[own]
+
+        _each_stretch(seen, found, parameters, every, work)
         return Scores(scores, reason=reason, scaled=True, method=Method.PATTERN.value)
 
     return seen.cached(('by pattern', threshold, parameters.scores), score)
@@ -274,8 +288,11 @@ def contributions(
         names = NAMES[found.model][1]
         added = np.zeros((len(names), np.count_nonzero(selected)), np.float32)
         column = np.cumsum(selected) - 1
-        for members, own, local in _stretches(seen, found, parameters, selected):
-            added[:, column[members[own]]] = _of_pattern(local, own, seen.threads)
+
+        def work(members: Ints, own: Bools, local: FoundPattern, threads: int) -> None:
+            added[:, column[members[own]]] = _of_pattern(local, own, threads)
+
+        _each_stretch(seen, found, parameters, selected, work)
         return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
         return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
