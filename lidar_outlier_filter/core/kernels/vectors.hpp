@@ -117,6 +117,8 @@ typedef std::int64_t Wides __attribute__((vector_size(WIDTH * 4)));  // masks of
                                   reinterpret_cast<__m512i>(mask)) != 0;
 #elif defined(__AVX__)
     return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+#elif defined(__x86_64__)
+    return _mm_movemask_ps(reinterpret_cast<__m128>(mask)) != 0;
 #else
     std::int32_t some = 0;
     for (int i = 0; i < WIDTH; ++i) {
@@ -182,7 +184,7 @@ struct DoublePair {
     return {load(from), load(from + DOUBLES)};
 }
 [[gnu::always_inline]] inline DoublePair take(const double* from, Counts at) {
-    DoublePair result;
+    DoublePair result = {};
 #if defined(__AVX512F__)
     const __m512d none = _mm512_setzero_pd();
     const auto low =
