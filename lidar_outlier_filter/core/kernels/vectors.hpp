@@ -184,7 +184,10 @@ struct DoublePair {
     return {load(from), load(from + DOUBLES)};
 }
 [[gnu::always_inline]] inline DoublePair take(const double* from, Counts at) {
-    DoublePair result = {};
+#if !defined(__AVX__)
+    return {Doubles{from[at[0]], from[at[1]]}, Doubles{from[at[2]], from[at[3]]}};
+#else
+    DoublePair result;
 #if defined(__AVX512F__)
     const __m512d none = _mm512_setzero_pd();
     const auto low =
@@ -202,6 +205,7 @@ struct DoublePair {
     }
 #endif
     return result;
+#endif
 }
 [[gnu::always_inline]] inline Singles single(const DoublePair& pair) {  // rounded
     typedef float Halves __attribute__((vector_size(DOUBLES * 4)));
