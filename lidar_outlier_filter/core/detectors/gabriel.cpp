@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// The Gabriel graph, see gabriel.py. Naive twin: test/naive/hierarchical.py.
+// The Gabriel graph, see hierarchical.py. Naive twin: test/naive/hierarchical.py.
 
 #include "gabriel.hpp"
 

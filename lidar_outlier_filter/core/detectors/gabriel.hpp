@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// The Gabriel graph, see gabriel.py.
+// The Gabriel graph, see hierarchical.py.
 #pragma once
 
 #include "../kernels/array_view.hpp"

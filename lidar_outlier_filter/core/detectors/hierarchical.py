@@ -38,6 +38,7 @@ other enlarge σ: in a street or a room it finds little more than phase 1.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,16 +46,34 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.special import ndtri
 
-from lidar_outlier_filter.core.annotations import Floats, Ints
+from lidar_outlier_filter.core import _kernels
+from lidar_outlier_filter.core.annotations import Floats, Index, Ints
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.gabriel import Edges, gabriel_graph
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND_PHASE = 1 << 15  # bit beside its own: the second phase rejected the point
 MIN_SPREAD = 1e-3  # of the median
+CHUNK = 2048  # points that a thread takes at once
+
+
+class Edges(NamedTuple):
+    """E edges between N points.
+
+    Attributes
+    ----------
+    ends : (E, 2) int32
+        The points, in tree order.
+    length : (E,) float64
+        Metres.
+
+    """
+
+    ends: Index
+    length: Floats
 
 
 @dataclass(frozen=True)
@@ -149,6 +168,38 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     at = place[first]  # where each point is in tree order
     phase = np.where(size[rough] < least, 1, 2 * (final < least)).astype(np.uint8)
     return ClusterOutcome(least / final[at], phase[at], final[at])
+
+
+def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
+    """Find all pairs of points whose ball, with their distance as diameter, has no point inside.
+
+    Two points have an edge if no other sees them at an obtuse angle. So with r another point, q has
+    no edge to p if (r - p)·(r - q) < 0: if it is beyond the plane through r at a right angle to
+    p - r. The planes of the points around p leave only a small region, Voronoi's cell of p twice as
+    large, and nodes of a kd-tree beyond one of them hold no candidates. The few that are left are
+    tested with all points that the ball may hold. Time is near-linear for points on surfaces.
+
+    Points on the ball do not count, as in the paper. On a grid both diagonals of a square are
+    edges, so that the graph is unique, but not part of any one Delaunay triangulation.
+
+    Parameters
+    ----------
+    neighbourhood : N points, no two of which coincide
+    threads : as everywhere; the graph does not depend on it
+
+    Returns
+    -------
+    Edges
+        In no particular order, but always in the same.
+
+    """
+    xyz, tree = neighbourhood.xyz, neighbourhood.tree
+
+    def work(begin: int, end: int) -> Index:
+        return _kernels.gabriel_edges(xyz, tree, begin, end)
+
+    ends = np.concatenate(pool.run(work, len(neighbourhood), CHUNK, threads))
+    return Edges(ends, _kernels.edge_lengths(xyz, ends))
 
 
 def spanning_tree(graph: Edges, count: int) -> Edges:

@@ -11,7 +11,6 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Progress
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
-from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
@@ -152,14 +151,14 @@ def course(xyz: Floats, parameters: Hierarchical) -> tuple[Ints, Ints, Ints, Int
     """
     phase = hierarchical.detect(xyz, parameters).phase
     neighbourhood = Neighbourhood(xyz, 1)
-    tree = hierarchical.spanning_tree(gabriel_graph(neighbourhood), len(xyz))
+    tree = hierarchical.spanning_tree(hierarchical.gabriel_graph(neighbourhood), len(xyz))
     kept = tree.length <= hierarchical.limit(tree.length, parameters.global_confidence)
     label = hierarchical.components(len(xyz), tree, kept)
     graphs, pruned = [], []
     for cluster in np.flatnonzero(np.bincount(label) >= parameters.min_cluster):
         members = neighbourhood.order[label == cluster]
         inside = Neighbourhood(xyz[members], 1)
-        graph = gabriel_graph(inside)
+        graph = hierarchical.gabriel_graph(inside)
         ends = members[inside.order[graph.ends]]
         graphs.append(ends)
         longest = hierarchical.limit(graph.length, parameters.local_confidence)

@@ -9,9 +9,8 @@ from naive import hierarchical as naive
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors import gabriel
 from lidar_outlier_filter.core.detectors.builtin import Hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical import ClusterOutcome, detect
+from lidar_outlier_filter.core.detectors.hierarchical import ClusterOutcome, detect, gabriel_graph
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 RNG = np.random.default_rng(5)
@@ -140,7 +139,7 @@ def test_gabriel_graph_equals_naive(name: str) -> None:
     """Edge for edge, points on the ball included."""
     xyz = np.unique(GRAPHS[name], axis=0)
     neighbourhood = Neighbourhood(xyz, 1)
-    graph = gabriel.gabriel_graph(neighbourhood)
+    graph = gabriel_graph(neighbourhood)
     assert given(neighbourhood, graph.ends) == set(naive.gabriel_graph(list(map(tuple, xyz))))
 
 
@@ -164,7 +163,7 @@ def test_points_on_the_ball_but_for_rounding(offset: float) -> None:
         obtuse = bool((a * d + b * e) + c * f < 0)
         inside += obtuse
         neighbourhood = Neighbourhood(xyz, 1)
-        edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
+        edges = given(neighbourhood, gabriel_graph(neighbourhood).ends)
         assert ((0, 1) in edges) == (not obtuse)
     assert 50 < inside < 150
 
