@@ -159,9 +159,7 @@ def detect_outliers(  # noqa: PLR0913  arrays and options
     Verdict
         In the order of the points, row by row: ``outlier`` (N,) bool; ``score`` (N,) float32, more
         than 1 if a detector rejects the point, NaN if no detector tested it; ``detectors`` (N,)
-        uint16, the sum of the rejecting detectors: 1 alpha_beta_gamma, 2 quadric, 4 lof, 8 sor,
-        16 hierarchical, 32 elevation, 64 boosted_trees, 128 scan_shadows, 256 ring_outlier,
-        512 dual_return, 1024 crop_box, 2048 mixed_pixels.
+        uint16, the sum of the bits of the rejecting detectors, which :func:`.registry.bits` names.
 
     Raises
     ------

@@ -6,32 +6,19 @@ import inspect
 import re
 import tomllib
 from collections.abc import Callable
+from importlib import import_module
 
 import pytest
 from helpers import ROOT
-from helpers.detectors import BITS
 
 import lidar_outlier_filter
 from lidar_outlier_filter import CloudFilter, detect_outliers
-from lidar_outlier_filter.core.detectors import (
-    crop_box,
-    dual_return,
-    elevation,
-    hierarchical,
-    lof,
-    ring_outlier,
-    scan_shadows,
-    sor,
-)
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.boosted_trees import methods as boosted_trees
-from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.boosted_trees import mixed_pixels
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 
-DETECTORS = (
-    *(alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, boosted_trees),
-    *(scan_shadows, ring_outlier, dual_return, crop_box),
-)
-FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
+MODULES = [str(one.score).partition(':')[0] for one in BUILTIN.values()]
+MODULES.remove(mixed_pixels.__name__)  # an example would need a sweep
+FUNCTIONS = (detect_outliers, CloudFilter, *(import_module(name).detect for name in MODULES))
 
 
 def test_names_of_the_door() -> None:
@@ -42,12 +29,6 @@ def test_names_of_the_door() -> None:
         assert getattr(lidar_outlier_filter, name).__doc__
     with pytest.raises(AttributeError, match="'lidar_outlier_filter' has no attribute 'detect'"):
         getattr(lidar_outlier_filter, 'detect')  # noqa: B009  a type checker knows better
-
-
-def test_bits_are_described() -> None:
-    """The documentation says the bit of every detector, in the order of the bits."""
-    document = ' '.join((inspect.getdoc(detect_outliers) or '').split())
-    assert ', '.join(f'{bit} {name}' for name, bit in BITS.items()) in document
 
 
 def test_examples_are_run() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import yaml
 from helpers import ROOT
-from helpers.detectors import BITS
 from helpers.nodes import PLOTTED, Ros, flush, line, process
 
 from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
+from lidar_outlier_filter.parameters.declaration import MASKED
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 
 CONFIG = ROOT / 'config'
@@ -30,9 +30,9 @@ def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
 
 
 def range_of_numbers() -> tuple[int, int]:
-    """Return the range of the numbers of the detectors, over which viewers spread their colours."""
-    numbers = first_numbers(np.array(list(BITS.values()), np.uint16)).tolist()
-    return min(numbers), max(numbers)
+    """Return the range of all numbers, with that of the own vehicle, over which colours spread."""
+    first, last = first_numbers(np.array([1, MASKED], np.uint16)).tolist()
+    return first, last
 
 
 def test_rviz(ros: Ros) -> None:
@@ -82,12 +82,3 @@ def test_foxglove(ros: Ros) -> None:
 def _leaves(tree: Any) -> list[str]:
     """List the panels of a layout."""
     return [tree] if isinstance(tree, str) else _leaves(tree['first']) + _leaves(tree['second'])
-
-
-def test_the_page_names_the_colours() -> None:
-    """Its table has every detector, in the order of the numbers."""
-    numbers = ' | '.join(str(number) for number in range(1, len(BITS) + 1))
-    names = ' | '.join(f'`{name}`' for name in BITS)
-    page = (CONFIG.parent / 'doc' / 'live.md').read_text(encoding='utf-8')
-    assert f'| {numbers} |\n' in page
-    assert f'| {names} |\n' in page
