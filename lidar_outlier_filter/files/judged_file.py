@@ -236,8 +236,11 @@ def _judge_with_buffer(
     xyz = np.concatenate([own.xyz, beside])
     zeros = np.zeros(len(xyz), np.int64)
     valid = np.append(own.valid, np.ones(len(beside), np.bool_))
-    found = judge(Points(xyz, zeros, zeros, valid))
-    verdict = Verdict(*(getattr(found, field.name)[: len(own)] for field in fields(Verdict)))
+    field = own.field
+    if field is not None:  # that of the points beside it is not read
+        field = np.append(field, np.full(len(beside), np.nan))
+    found = judge(Points(xyz, zeros, zeros, valid, field=field))
+    verdict = Verdict(*(getattr(found, one.name)[: len(own)] for one in fields(Verdict)))
     note = f'judged beside {len(beside)} points of {len(names)} other files'
     return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
-from lidar_outlier_filter.core.detectors.registry import reads
+from lidar_outlier_filter.core.detectors.registry import read_field, reads
 from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain
@@ -133,12 +133,16 @@ def load(  # noqa: PLR0913  which columns, and where to
     if parameters.mask_shadow and (file.crs or file.grids):
         must_be = f'false for {file.path}, which does not say where its sensor was'
         raise ParameterError('mask_shadow', must_be, 'true')
-    others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring]))
+    wanted = read_field(parameters)
+    fields = _usual(file, (wanted,))[:1] if wanted else ()
+    others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring, *fields]))
     sizes = file.metres if metres is None else metres
     xyz, columns = _read(file, coordinates, others, sizes, allocate, progress)
     kept = {name: columns[name] for name in more}
     zeros = np.zeros(len(file), np.int64)
     points = Points(xyz, zeros, zeros, returns(xyz))
+    for name in fields:
+        points = replace(points, field=cloud_file.filled(columns[name]).astype(np.float64))
     if ring:
         name, _ = usual.choose(ring, usual.LINES, _fraction_in(columns, points.valid))
         name = name or ring[0]
@@ -151,6 +155,8 @@ def load(  # noqa: PLR0913  which columns, and where to
         found = _with_lines(file, points, columns, parameters, size)
     if found.lack:
         check_chain(parameters.chain, str(file.path), found.lack)
+    if wanted and not fields:
+        found = replace(found, note='; '.join(filter(None, (found.note, usual.missing(wanted)))))
     return replace(found, more=kept)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
-from lidar_outlier_filter.core.detectors.registry import reads
+from lidar_outlier_filter.core.detectors.registry import read_field, reads
 from lidar_outlier_filter.core.points import columns
 from lidar_outlier_filter.core.points.line_recovery import Claim
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
@@ -95,7 +95,7 @@ class Decoder:
         self._previous_counter = self._counter
         self._stamps = self._previous_stamps = StampCheck()
         self._mask = mask_of(parameters)
-        self._has_warned_of_steps = False
+        self._has_warned_of_steps = self._has_warned_of_field = False
 
     # Signalling NaNs raise no warning when they are converted or compared.
     @np.errstate(invalid='ignore')
@@ -141,6 +141,8 @@ class Decoder:
         if not self._has_warned_of_steps:
             self._warn_of_steps(view.dtype, xyz, valid)
         points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
+        if name := read_field(self.parameters):
+            points = replace(points, field=self._field(view, name))
         if convention.claim is not None:
             points = replace(points, head=self._head(view))
         return masked(points, self._mask, self.parameters)
@@ -370,6 +372,16 @@ class Decoder:
         name, _ = columns.choose(_numbers(view), columns.INTENSITIES)
         with np.errstate(over='ignore'):  # larger than float32: inf
             return _column(view, name).astype(np.float32) if name else None
+
+    def _field(self, view: Rows, name: str) -> Floats | None:
+        """Return the field of a name, if it exists; warn once if not."""
+        if found := columns.candidates(tuple(_numbers(view)), (name,)):
+            return _column(view, found[0]).astype(np.float64)
+        if not self._has_warned_of_field:
+            self._has_warned_of_field = True
+            fields = short(', '.join(view.dtype.names or ()))
+            self._warn(f'among the fields {fields} there is {columns.missing(name)}')
+        return None
 
     def _head(self, view: Rows) -> Ints | None:
         """Return which of several scanners measured each point, if a field says so."""

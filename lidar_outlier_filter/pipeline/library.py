@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidar_outlier_filter.core.detectors.plausible import MAX_USUAL_SHARE, MIN_SHARE_POINTS
+from lidar_outlier_filter.core.detectors.registry import read_field
 from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
@@ -270,9 +271,14 @@ def _from_arrays(
     if array.ndim != 2 or array.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', array.shape)
     xyz, count = np.ascontiguousarray(array, np.float64), len(array)
-    t, line, intensity = (
-        None if values is None else _column(name, values, count) for name, values in columns.items()
-    )
+    given = {
+        name: None if values is None else _column(name, values, count)
+        for name, values in columns.items()
+    }
+    t, line, intensity = given.values()
+    field = given.get(wanted := read_field(parameters))
+    if wanted and field is None:
+        warn(f'among the arrays there is {usual.missing(wanted)}')
     mask = mask_of(parameters)
     if mask is not None and line is None:
         raise CloudError('line', 'the ring of each point if mask is set', 'none')
@@ -288,6 +294,7 @@ def _from_arrays(
         zeros if line is None else usual.whole_numbers(line, valid, 'line'),
         valid,
         intensity=None if intensity is None else intensity.astype(np.float32),
+        field=None if field is None else field.astype(np.float64),
     )
     reason = NO_TIME if t is None else NO_LINES if line is None else ''
     claim = Claim('message', 'the cloud') if line is None else Claim('field', "'line'")

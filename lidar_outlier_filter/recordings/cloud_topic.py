@@ -142,9 +142,7 @@ class TopicReport:
         if self.points == self.invalid + masked:
             of_vehicle = ', or on the own vehicle' if masked else ''
             return f'all are missing returns{of_vehicle}' if self.points else 'its clouds have none'
-        lacks = {True: 'longer scan lines', False: 'more points'}
-        needs = {name: lacks[DETECTORS[name].lines == 'needs'] for name in self.undecided_by}
-        return ', '.join(f'{name} needs {what}' for name, what in needs.items())
+        return ', '.join(f'{name} needs {DETECTORS[name].lack}' for name in self.undecided_by)
 
 
 class CloudTopic:

@@ -44,22 +44,10 @@ MODULES = {
 }
 MAX_ON_CURVE, MAX_ON_PATH = 200, 1000
 MAX_REASONS_LISTED = 8
-_COLOURS = {
-    'alpha_beta_gamma': '#0072b2',
-    'boosted_trees': '#000000',
-    'crop_box': '#7f7f7f',
-    'dual_return': '#17becf',
-    'elevation': '#56b4e9',
-    'hierarchical': '#e69f00',
-    'lof': '#d55e00',
-    'mixed_pixels': '#8b0000',
-    'quadric': '#cc79a7',
-    'ring_outlier': '#bcbd22',
-    'scan_shadows': '#aa4499',
-    'sor': '#009e73',
-}
-_OF_PLUGINS = ('#7f3c8d', '#a5732a', '#4b6a53', '#8c8c00')
-VEHICLE_COLOUR = '#8c564b'
+COLOURS = (  # by the number of a detector; the last one is the own vehicle's
+    *('#0072b2', '#cc79a7', '#d55e00', '#009e73', '#e69f00', '#56b4e9', '#000000', '#aa4499'),
+    *('#bcbd22', '#17becf', '#7f7f7f', '#8b0000', '#a5732a', '#4b6a53', '#8c564b'),
+)
 FARTHEST_ORIGIN = 1000.0  # metres
 SECTION = 1 << 20  # points of a message, or one frame with more
 # How well gzip shrinks exact values hardly depends on this; how long it takes does.
@@ -118,21 +106,13 @@ def constants() -> dict[str, Any]:
     }
 
 
-def colour(name: str, bit: int) -> str:
-    """Return '#rrggbb' for a detector; plug-ins get theirs by their bit."""
-    return _COLOURS.get(name) or _OF_PLUGINS[bit.bit_length() % len(_OF_PLUGINS)]
-
-
 def _detectors() -> list[dict[str, Any]]:
     """Return name, number in the words of points, colour and purpose of each detector."""
-    listed = [
-        (one.name, one.bit, colour(one.name, one.bit), one.rejects.replace('`', ''))
-        for one in DETECTORS.values()
-    ]
-    listed.append((MASK, MASKED, VEHICLE_COLOUR, 'lies on the own vehicle'))
+    listed = [(one.bit.bit_length(), one.name, one.rejects) for one in DETECTORS.values()]
+    listed.append((MASKED.bit_length(), MASK, 'lies on the own vehicle'))
     return [
-        {'name': name, 'number': bit.bit_length(), 'colour': colour, 'rejects': rejects}
-        for name, bit, colour, rejects in listed
+        {'name': name, 'number': n, 'colour': COLOURS[n - 1], 'rejects': rejects.replace('`', '')}
+        for n, name, rejects in listed
     ]
 
 

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.clouds import STAMP, cloud
+from helpers.cloud_files import write_las
+from helpers.clouds import SECOND, STAMP, cloud
 
-from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter import CloudFilter, detect_outliers
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -24,6 +26,12 @@ SHOT = 4000  # nanoseconds
 T = np.arange(COUNT) * SHOT
 LINE = np.arange(COUNT) * LINES // COUNT
 INTENSITY = np.arange(COUNT) % 7
+FIELD: dict[str, object] = {
+    'chain': ('field_range',),
+    'field_range.field': 'signal',
+    'field_range.max_value': 4.0,
+    'field_range.max_range': 2.5,
+}
 UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'ns': 1.0}
 # Names and types of time, line and intensity, unit of time, and what is said of it.
 Layout = tuple[dict[str, str], str, str]
@@ -144,3 +152,57 @@ def test_plain_arrays_in_another_unit() -> None:
         seen.append(notes)
     said = "among the arrays there is a time 't' in us: in ns, points would be 4e-09 s apart"
     assert seen == [[], [f'{said} (time_unit)'], [], []]
+
+
+@pytest.mark.parametrize('name', ['signal', 'Signal', 'scalar_Signal'])
+def test_a_field_by_its_name(tmp_path: Path, name: str) -> None:
+    """The field that a detector names is the same in a message, an array and a file."""
+    rows = rows_of(({'t': 'u4', 'ring': 'u2', name: 'f8'}, 'ns', ''))
+    rows[name][250] = np.nan
+    chain = FilterParameters().changed(FIELD)
+    file = open_cloud(as_csv(tmp_path / 'table.csv', rows))
+    reach = np.linalg.norm([rows[axis] for axis in 'xyz'], axis=0)
+    expected = (INTENSITY > 4) & (reach < 2.5)
+    expected[250] = False
+    assert 20 < np.count_nonzero(expected) < np.count_nonzero(INTENSITY > 4)
+    for verdict in (
+        detect_outliers(rows, parameters=chain),
+        detect_outliers(cloud(rows), parameters=chain),
+        judge_file(file, CleanOptions(), chain).verdict,
+    ):
+        np.testing.assert_array_equal(verdict.outlier, expected)
+        assert np.flatnonzero(np.isnan(verdict.score)).tolist() == [250]
+
+
+def test_a_field_that_is_missing(tmp_path: Path) -> None:
+    """Nothing is tested, which is said once of a stream, of arrays and of a file, and counted."""
+    rows, chain = rows_of(PLAIN), FilterParameters().changed(FIELD)
+    said = "no 'signal', which a detector of the chain reads: it tests no point"
+    notes: list[str] = []
+    stream = CloudFilter(parameters=chain, warn=notes.append)
+    for number in range(3):
+        stream.push(rows, stamp=STAMP + number * SECOND)
+    stream.flush()
+    assert stream.statistics.undecided == {'field_range': 3 * COUNT}
+    assert stream.statistics.untested == 3 * COUNT
+    xyz = np.column_stack([rows[axis] for axis in 'xyz'])
+    assert not detect_outliers(xyz, parameters=chain, warn=notes.append).outlier.any()
+    assert [one.partition(' there is ')[2] for one in notes] == [said, said]
+    path = as_csv(tmp_path / 'table.csv', rows)
+    assert judge_file(open_cloud(path), CleanOptions(), chain).loaded.note == said
+    assert main(['clean', str(path), '--chain', 'field_range', '--set', 'field_range.field=b']) == 3
+
+
+def test_a_field_of_a_survey(tmp_path: Path) -> None:
+    """That of LAS, in one piece and with the points beside the file, and that of arrays."""
+    values = np.array([1, 9, 3, 9, 5])
+    for name, x in (('one.las', 100), ('beside.las', 150)):
+        write_las(tmp_path / name, 5, X=x + np.arange(5), Z=np.ones(5), intensity=values)
+    chain = FilterParameters().changed({'chain': ['field_range'], 'field_range.max_value': 4.0})
+    xyz = np.column_stack([1.0 + 0.01 * np.arange(5), np.zeros(5), np.full(5, 0.01)])
+    file = open_cloud(tmp_path / 'one.las')
+    for verdict in (
+        detect_outliers(xyz, intensity=values, parameters=chain),
+        *(judge_file(file, CleanOptions(buffer=wide), chain).verdict for wide in (0.0, 1.0)),
+    ):
+        assert verdict.outlier.tolist() == [False, True, False, True, True]

@@ -45,14 +45,14 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import Installed, Section, declare, walk
+from lidar_outlier_filter.parameters.declaration import MASKED, Installed, Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe, installed
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.report.page import colour
+from lidar_outlier_filter.report.page import COLOURS
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
-BIT = 4096
+BIT = 8192
 LIMIT = 0.3  # metres
 CHAIN = ('--chain', 'isolated', '--set', f'isolated.limit={LIMIT}')
 BROKEN = (
@@ -288,8 +288,8 @@ def test_bits_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     assert bits(result) == {**BITS, 'good': BIT}
     assert set(result.refused) == {*(one.name for one in wrong), 'late'}
     assert str(result.refused['other64']) == (
-        'the bit of the detector other64 of a distribution without a name must be one of 8192, '
-        'got 64'
+        'the bit of the detector other64 of a distribution without a name must be a free one '
+        '(none is left), got 64'
     )
 
 
@@ -311,8 +311,8 @@ def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str
         replace(declared('x'), name=5),
         replace(declared('x'), name='a b'),
         replace(declared('x'), bit=True),
-        replace(declared('x'), bit='4096'),
-        replace(declared('x'), bit=4096.0),
+        replace(declared('x'), bit='8192'),
+        replace(declared('x'), bit=8192.0),
         declared('x', section=5),
         declared('x', section=Section),
         declared('x', section=NotFrozen),
@@ -324,13 +324,14 @@ def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str
         declared('x', neighbours=3),
         declared('x', lines='some'),
         declared('x', columns=['intensity']),
+        declared('x', field='intensity'),
         declared('x', large='some'),
     ],
 )
 def test_wrong_declarations(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:
     """Each is refused in one sentence that names it."""
-    result = found(monkeypatch, wrong, declared('good', 2 * BIT))
-    assert bits(result) == {**BITS, 'good': 2 * BIT}
+    result = found(monkeypatch, wrong, declared('good'))
+    assert bits(result) == {**BITS, 'good': BIT}
     (sentence,) = map(str, result.refused.values())
     assert re.search('detector .* of a distribution without a name must be ', sentence)
     assert '\n' not in sentence
@@ -402,5 +403,4 @@ def test_declarations_agree_with_the_parameters() -> None:
         assert swept.name in names
         assert f'| `{name}` | {detector.bit} | {detector.rejects} |' in table()
         assert callable(resolve(detector.score))
-    colours = {colour(name, bit) for name, bit in [*BITS.items(), ('another', BIT)]}
-    assert len(colours) == len(BITS) + 1
+    assert len(set(COLOURS)) == MASKED.bit_length()

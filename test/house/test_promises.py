@@ -175,6 +175,12 @@ WAYS: dict[str, dict[str, object]] = {
     'ring_outlier': {'chain': ['ring_outlier'], 'ring_outlier.distance_ratio': 1.01},
     'dual_return': {'chain': ['dual_return']},
     'crop_box': {'chain': ['crop_box'], 'crop_box.max_x': 9.0},
+    'field_range': {
+        'chain': ['field_range'],
+        'field_range.field': 'std',
+        'field_range.max_value': 0.03,
+        'field_range.max_range': 8.0,
+    },
     'boosted_trees of a scanner without rings': {
         'boosted_trees.sensor': 'free',
         'boosted_trees.threshold': 0.7,

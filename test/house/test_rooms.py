@@ -225,8 +225,9 @@ def named(module: Module, names: set[str]) -> Iterator[str]:
 
 
 # The tables of all detectors.
-TABLES = {'core.detectors.builtin', 'core.detectors.thresholds', 'report.page'}
-TABLES |= {'tuning.search_space', 'cli.compile', 'ros.health'}
+TABLES = {
+    *('core.detectors.builtin', 'core.detectors.thresholds', 'tuning.search_space', 'ros.health')
+}
 
 
 def test_nobody_names_a_detector() -> None:

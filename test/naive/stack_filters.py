@@ -118,3 +118,16 @@ def crop_box(line: Line, low: Point, high: Point, *, negative: bool) -> set[int]
         if outside != negative:
             removed.add(i)
     return removed
+
+
+def field_range(
+    values: Sequence[float], ranges: Sequence[float], band: Point, bounds: Point
+) -> tuple[set[int], set[int]]:
+    """Remove values out of bounds where the range is in a band; also return the untested."""
+    removed, untested = set(), set()
+    for i, (value, reach) in enumerate(zip(values, ranges, strict=True)):
+        if value - value != 0:  # NaN, Inf
+            untested.add(i)
+        elif band[0] <= reach < band[1] and not bounds[0] <= value <= bounds[1]:
+            removed.add(i)
+    return removed, untested

@@ -38,7 +38,7 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
 
 DETECTOR = Detector(
     name='isolated',
-    bit=4096,
+    bit=8192,
     section=Isolated,
     score=score,
     neighbours=lambda _: 1,

@@ -303,6 +303,30 @@ class CropBox(Section):
 
 
 @dataclass(frozen=True)
+class FieldRange(Section):
+    """Bounds of a field, in a band of ranges."""
+
+    field: str = declare(
+        'intensity', 'Field that is tested, such as reflectivity, signal or deviation.', fixed=True
+    )
+    max_range: float = declare(1e9, 'Points that are not nearer are kept.', 'm', 1e-3, 1e9)
+    min_range: float = declare(0.0, 'Points that are nearer are kept.', 'm', 0.0, 1e9)
+    min_value: float = declare(-1e18, 'Least value that is kept.', '', -1e18, 1e18)
+    max_value: float = declare(1e18, 'Largest value that is kept.', '', -1e18, 1e18)
+
+    def check(self) -> None:
+        """Refuse a field without a name, and limits that leave nothing between them."""
+        if not self.field:
+            raise ParameterError('field_range.field', 'the name of a field', "''")
+        if self.min_range >= self.max_range:
+            must_be = f'below field_range.max_range = {self.max_range:g} m'
+            raise ParameterError('field_range.min_range', must_be, f'{self.min_range:g} m')
+        if self.min_value > self.max_value:
+            must_be = f'at most field_range.max_value = {self.max_value:g}'
+            raise ParameterError('field_range.min_value', must_be, f'{self.min_value:g}')
+
+
+@dataclass(frozen=True)
 class MixedPixels(Section):
     """Gradient-boosted trees on points between two surfaces."""
 
@@ -432,6 +456,15 @@ _EVERY = (
         columns=lambda parameters: parameters.of(BoostedTrees).columns,
         rejects='lies between two surfaces at an edge, by trees trained for it alone (spinning '
         'sensors)',
+    ),
+    Detector(
+        name='field_range',
+        bit=4096,
+        section=FieldRange,
+        score=f'{__package__}.field_range:score',
+        field=lambda parameters: parameters.of(FieldRange).field,
+        large='files',
+        rejects='has a field, such as reflectivity, out of its bounds, in a band of ranges',
     ),
 )
 BUILTIN = {one.name: one for one in _EVERY}

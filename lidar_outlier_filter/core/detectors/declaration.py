@@ -45,6 +45,8 @@ class Detector:
         ``'no'``.
     columns : function of the filter's parameters
         What else it reads of a cloud: ``'intensity'``; ``'ring'``: rings are recovered if needed.
+    field : function of the filter's parameters
+        Name of the field that is ``points.field``; empty: none. One detector of a chain has one.
     large : str
         How it judges a cloud that is larger than memory. ``'files'``: in one piece, with its
         largest arrays in files; ``'tiles'``: each tile with a halo; ``'no'``: not at all.
@@ -59,12 +61,20 @@ class Detector:
     neighbours: Callable[[FilterParameters], int] = lambda _: 0
     lines: Literal['no', 'uses', 'needs'] = 'no'
     columns: Callable[[FilterParameters], Collection[str]] = lambda _: ()
+    field: Callable[[FilterParameters], str] = lambda _: ''
     large: Literal['files', 'tiles', 'no'] = 'no'
 
     def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
         """Score every point."""
         scores: Scores = resolve(self.score)(seen, parameters)
         return scores
+
+    @property
+    def lack(self) -> str:
+        """What is missing where it could test no point."""
+        if self.field is not Detector.field:
+            return 'numbers in its field'
+        return 'longer scan lines' if self.lines == 'needs' else 'more points'
 
     @property
     def home(self) -> str:

@@ -89,7 +89,7 @@ def _load(
         raise ParameterError(f'the name of parameters of {title}', 'a new one', repr(one.name))
     free = [bit for bit in BITS if bit not in {other.bit for other in found.values()}]
     if one.bit not in free:
-        must_be = f'one of {", ".join(map(str, free))}'
+        must_be = f'a free one ({", ".join(map(str, free)) or "none is left"})'
         raise ParameterError(f'the bit of {title}', must_be, shown(one.bit))
     return one
 
@@ -132,5 +132,6 @@ _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     'neighbours': (callable, 'a function of the parameters'),
     'lines': (LINES.__contains__, f'one of {", ".join(LINES)}'),
     'columns': (callable, 'a function of the parameters'),
+    'field': (callable, 'a function of the parameters'),
     'large': (LARGE.__contains__, f'one of {", ".join(LARGE)}'),
 }

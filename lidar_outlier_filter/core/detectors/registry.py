@@ -37,6 +37,12 @@ def reads(parameters: FilterParameters, column: str) -> bool:
     return any(column in DETECTORS[name].columns(parameters) for name in parameters.chain)
 
 
+def read_field(parameters: FilterParameters) -> str:
+    """Return the field that a detector of the chain reads by its name; empty: none does."""
+    names = (DETECTORS[name].field(parameters) for name in parameters.chain)
+    return next(filter(None, names), '')
+
+
 @cache
 def explanations() -> Mapping[str, Any]:
     """Return the modules of :data:`.EXPLANATIONS` by the names of their detectors."""

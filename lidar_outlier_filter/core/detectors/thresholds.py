@@ -177,6 +177,7 @@ _THRESHOLDS: dict[str, Callable[[FilterParameters], Threshold]] = {
         'dual_return.distance_ratio', (round(1 + more, 6) for more in decades(-3, 1))
     ),
     'elevation': _elevation,
+    'field_range': lambda _: _inverse('field_range.max_range', decades(-3, 3)),
     'hierarchical': _hierarchical,
     'lof': _lof,
     'mixed_pixels': lambda _: plain('mixed_pixels.threshold', [n / 50 for n in range(5, 151)]),

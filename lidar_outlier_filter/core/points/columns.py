@@ -101,6 +101,11 @@ def choose(
     return '', notes
 
 
+def missing(field: str) -> str:
+    """Say that a field is missing; goes on "among the fields there is"."""
+    return f'no {field!r}, which a detector of the chain reads: it tests no point'
+
+
 def such_as(usual: Names) -> str:
     """Return the first usual names, for a refusal."""
     return f'of a usual name, such as {", ".join(usual[:4])}'

@@ -59,6 +59,8 @@ class Points:
         Which of the masked points are behind it.
     head : (N,) int64 or None
         Which of several scanners measured it, where a column says so; until it has its line.
+    field : (N,) float64 or None
+        The field that a detector reads by its name; NaN where it is not known.
 
     """
 
@@ -74,6 +76,7 @@ class Points:
     masked: NDArray[np.bool_] | None = None
     shadow: NDArray[np.bool_] | None = None
     head: NDArray[np.int64] | None = None
+    field: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Count the points."""
@@ -210,17 +213,17 @@ def _find_returns(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
 def concatenate(parts: Sequence[Points]) -> Points:
     """Join points in the order given; all or none of the parts have a sigma, or an own frame.
 
-    Missing intensities become NaN if other parts have them.
+    Missing intensities and fields become NaN if other parts have them.
     """
     if len(parts) == 1:
         return parts[0]
-    if any(part.intensity is not None for part in parts):
-        parts = [
-            replace(part, intensity=np.full(len(part), np.nan, np.float32))
-            if part.intensity is None
-            else part
-            for part in parts
-        ]
+    for name, kind in (('intensity', np.float32), ('field', np.float64)):
+        if any(getattr(part, name) is not None for part in parts):
+            unknown: list[Any] = [{name: np.full(len(part), np.nan, kind)} for part in parts]
+            parts = [
+                replace(part, **nan) if getattr(part, name) is None else part
+                for part, nan in zip(parts, unknown, strict=True)
+            ]
     every = zip(*(vars(part).values() for part in parts), strict=True)
     columns: list[Any] = [None if one[0] is None else np.concatenate(one) for one in every]
     return Points(*columns)

@@ -13,10 +13,17 @@ from helpers.scans import points_of
 from naive import stack_filters as naive
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
-from lidar_outlier_filter.core.detectors import crop_box, dual_return, ring_outlier, scan_shadows
+from lidar_outlier_filter.core.detectors import (
+    crop_box,
+    dual_return,
+    field_range,
+    ring_outlier,
+    scan_shadows,
+)
 from lidar_outlier_filter.core.detectors.builtin import (
     CropBox,
     DualReturn,
+    FieldRange,
     RingOutlier,
     ScanShadows,
 )
@@ -215,7 +222,34 @@ def test_boxes(negative: bool) -> None:  # noqa: FBT001
     np.testing.assert_array_equal(score > 1, (reach < 3) | (reach > 5))
 
 
-def test_limits_with_nothing_between() -> None:
+@pytest.mark.parametrize(
+    ('low', 'high', 'refusal'),
+    [
+        ('crop_box.min_x', 'crop_box.max_x', 'crop_box.min_x must be below crop_box.max_x = 1 m'),
+        ('field_range.min_range', 'field_range.max_range', 'must be below .*max_range = 1 m'),
+        (
+            'field_range.min_value',
+            'field_range.max_value',
+            'must be at most .*max_value = 1, got 2',
+        ),
+    ],
+)
+def test_limits_with_nothing_between(low: str, high: str, refusal: str) -> None:
     """They are refused."""
-    with pytest.raises(ParameterError, match=r'^crop_box.min_x must be below crop_box.max_x = 1 m'):
-        FilterParameters().changed({'crop_box.min_x': 2.0, 'crop_box.max_x': 1.0})
+    with pytest.raises(ParameterError, match=refusal):
+        FilterParameters().changed({low: 2.0, high: 1.0})
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_bounds_in_a_band(seed: int) -> None:
+    """The same points as by loops, at limits and beyond; NaN and Inf are untested."""
+    rng = np.random.default_rng(seed)
+    values, reach = rng.integers(-4, 5, 900).astype(float), rng.integers(1, 9, 900).astype(float)
+    values[::40], values[7::90], values[8::90] = np.nan, np.inf, -np.inf
+    own = FieldRange(min_range=2.0, max_range=6.0, min_value=-2.0, max_value=1.0)
+    score = field_range.detect(values, reach, own)
+    removed, untested = naive.field_range(values.tolist(), reach.tolist(), (2, 6), (-2, 1))
+    assert set(np.flatnonzero(score > 1).tolist()) == removed
+    assert set(np.flatnonzero(np.isnan(score)).tolist()) == untested
+    assert 100 < len(removed) < 500
+    assert not (field_range.detect(values, reach, FieldRange()) > 1).any()
