@@ -5,6 +5,7 @@
 import json
 import re
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import yaml
@@ -77,6 +78,22 @@ def test_foxglove(ros: Ros) -> None:
             assert topics[found[1]] == 'std_msgs/msg/Float64MultiArray'
             assert PLOTTED[int(found[2])] == path['label']
     assert set(_leaves(layout['layout'])) == set(panels)
+
+
+def test_plotjuggler(ros: Ros) -> None:
+    """The curves are of topics that the node publishes; the title of a plot names them."""
+    topics, _ = published(ros)
+    root = ET.fromstring((CONFIG / 'plotjuggler.xml').read_text())  # noqa: S314
+    (chosen,) = (one.attrib['value'] for one in root.iter('selected_topics'))
+    assert set(chosen.split(';')) <= set(topics)
+    status = f'/diagnostics//points/{ros.diagnosis(lambda one: "outliers" in one.values).name}/'
+    places = {f'/{NODE_NAME}/statistics/data[{i}]': name for i, name in enumerate(PLOTTED)}
+    places |= {status + name: name for name in ('outliers', 'rejected by boosted_trees')}
+    areas = list(root.iter('DockArea'))
+    assert len(areas) == 4
+    for area in areas:
+        curves = [places[curve.attrib['name']] for curve in area.iter('curve')]
+        assert area.attrib['name'] == ', '.join(curves)
 
 
 def _leaves(tree: Any) -> list[str]:
