@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -265,6 +266,16 @@ def test_the_debian_package_is_of_package_xml() -> None:
 
 
 @pytest.mark.slow
+def test_pixi_takes_what_is_needed() -> None:
+    """What the node imports, and the bounds of setup.py, from RoboStack, conda-forge or PyPI."""
+    manifest = tomllib.loads((ROOT / 'pixi.toml').read_text('utf-8'))
+    stated = {**manifest['dependencies'], **manifest['pypi-dependencies']}
+    assert requirement_names(setup_argument('extras_require')['ros']) <= set(stated)
+    for requirement in setup_argument('install_requires'):
+        ((name, bounds),) = re.findall(r'^([\w-]+)(.+)', requirement.lower())
+        assert stated[name] == (bounds if name != 'numpy' else '>=2,<3')
+
+
 def test_what_tests_import_is_listed() -> None:
     """Every module of others that a test imports is a test_depend, and in the extra `test`."""
     package = parse_package(str(ROOT))
