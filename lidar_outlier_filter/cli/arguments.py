@@ -100,6 +100,8 @@ def add_clean(commands: Commands) -> None:
         help='see the points of the other LAS and LAZ files in the folder of a tile, up to this '
         'far beside it; they are not written. Default: 0, none',
     )
+    track = 'where the scanner of LAS was when: SBET, or time, x, y, z [roll, pitch, heading]'
+    add('--trajectory', type=Path, metavar='FILE', help=track)
     _add_accepted_share(parser, 'the file is refused')
     add_worker_options(parser)
     add(
@@ -107,9 +109,8 @@ def add_clean(commands: Commands) -> None:
         type=float,
         default=0.0,
         metavar='METRES',
-        help='keep large arrays in files, for clouds larger than memory; quadric judges in square '
-        'tiles of this side, and its verdicts depend on it; a tile should hold about a million '
-        'points. Default: 0, in memory',
+        help='keep large arrays in files, for clouds larger than memory; quadric judges, otherwise '
+        'than in one piece, in tiles of this side with a million points or so. Default: 0, not',
     )
     add(
         '--columns',
@@ -195,9 +196,8 @@ def _add_marks(parser: ArgumentParser) -> None:
         '--mark',
         choices=('class', 'noise', 'withheld', 'column'),
         default='class',
-        help='how rejected points of LAS are marked: class (default): 7; noise: 7 below, 18 '
-        'above the kept points around; withheld: the withheld flag; column: an extra byte '
-        'outlier, and nothing else',
+        help='how rejected points of LAS are marked: class (default): 7; noise: 7 below, 18 above '
+        'kept points around; withheld: the withheld flag; column: an extra byte outlier alone',
     )
     add('--mark-class', type=int, default=7, metavar='C', help='instead of 7, for --mark class')
     add('--old-class', action='store_true', help='add the old class as an extra byte old_class')

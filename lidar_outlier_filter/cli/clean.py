@@ -105,6 +105,7 @@ def _clean_options(options: argparse.Namespace) -> CleanOptions:
         accept_share=options.accept_share,
         buffer=options.buffer,
         reasons=options.list is not None,
+        trajectory=None if options.trajectory is None else str(options.trajectory.absolute()),
     )
 
 

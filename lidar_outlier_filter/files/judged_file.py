@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POIN
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
-from lidar_outlier_filter.files.beside import read_beside
+from lidar_outlier_filter.files.beside import judge_with_buffer, with_trajectory
 from lidar_outlier_filter.files.cloud_file import LOW_NOISE, MAX_CLASS, CloudFile
 from lidar_outlier_filter.files.points import Loaded
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -58,6 +58,7 @@ class CleanOptions:
     buffer : width around the file, metres, from which points of the LAS files in its folder are
         seen, but not judged; 0: none are
     reasons : whether the verdict has reasons, even if no column is written for them
+    trajectory : file that says where the scanner of a LAS file was when; None: not known
 
     """
 
@@ -77,6 +78,7 @@ class CleanOptions:
     accept_share: float | None = None
     buffer: float = 0.0
     reasons: bool = False
+    trajectory: str | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,10 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     seconds: dict[str, float] = {}
     with timed(seconds, 'read'):
         coordinates, metres, loaded = _load(file, options, parameters, allocate, progress)
+        axes = {name: metres.get(name, 1.0) for name in coordinates}
+        if options.trajectory is not None:
+            path = Path(options.trajectory)
+            loaded = with_trajectory(file, axes, loaded, path, parameters, allocate)
     with timed(seconds, 'judge'):
         progress(0, 0, 'judging')
         classes = loaded.more.get(points.CLASSIFICATION) if file.classes else None
@@ -160,7 +166,6 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         judge = partial(
             judge_whole, parameters=how, chain=chain, slow=slow, tile=tile, allocate=allocate
         )
-        axes = {name: metres.get(name, 1.0) for name in coordinates}
         loaded, everything = _judge_points(
             file, axes, replace(loaded, points=cloud), judge, options, progress
         )
@@ -203,7 +208,7 @@ def _judge_points(  # noqa: PLR0913  what, and how
     if options.strips:
         return loaded, _judge_strips(loaded, judge, progress)
     if options.buffer:
-        return _judge_with_buffer(file, axes, loaded, judge, options)
+        return judge_with_buffer(file, axes, loaded, judge, (options.buffer, options.ignore))
     return loaded, judge(loaded.points)
 
 
@@ -218,31 +223,6 @@ def _judge_strips(
         where = np.flatnonzero(strip == number)
         verdict.put(where, judge(cloud.take(where)))
     return verdict
-
-
-def _judge_with_buffer(
-    file: CloudFile,
-    axes: Mapping[str, float],
-    loaded: Loaded,
-    judge: Callable[[Points], Verdict],
-    options: CleanOptions,
-) -> tuple[Loaded, Verdict]:
-    """Judge a tile with the points beside it; say in the note of the file whose they are."""
-    own = loaded.points
-    inside = own.xyz[own.valid]
-    if len(inside) == 0:
-        return loaded, judge(own)
-    beside, names = read_beside(file, axes, inside, options.buffer, options.ignore)
-    xyz = np.concatenate([own.xyz, beside])
-    zeros = np.zeros(len(xyz), np.int64)
-    valid = np.append(own.valid, np.ones(len(beside), np.bool_))
-    field = own.field
-    if field is not None:  # that of the points beside it is not read
-        field = np.append(field, np.full(len(beside), np.nan))
-    found = judge(Points(xyz, zeros, zeros, valid, field=field))
-    verdict = Verdict(*(getattr(found, one.name)[: len(own)] for one in fields(Verdict)))
-    note = f'judged beside {len(beside)} points of {len(names)} other files'
-    return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
 
 
 def _load(
@@ -264,10 +244,14 @@ def _load(
         check_chain(parameters.chain, str(file.path), lack)
         if options.strips:
             raise ParameterError('--buffer', 'given without --strips', options.buffer)
+    if options.trajectory is not None and (options.buffer or not file.classes):
+        must_be = 'given for LAS and LAZ, and without --buffer'
+        raise ParameterError('--trajectory', must_be, options.trajectory)
     coordinates = points.choose_coordinates(file, options.coordinates)
     unit = options.unit
     known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
     metres = {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
+    more = [points.CLASSIFICATION] * file.classes + [STRIP] * options.strips
     loaded = points.load(
         file,
         coordinates,
@@ -276,7 +260,7 @@ def _load(
         timed=bool(along_lines(parameters.chain)) if options.tile or options.buffer else None,
         in_one_piece=not (options.tile or options.strips or options.ignore),
         metres=metres,
-        more=[points.CLASSIFICATION] * file.classes + [STRIP] * options.strips,
+        more=more + [points.GPS_TIME] * (options.trajectory is not None),
         allocate=allocate,
         progress=lambda done: progress(done, len(file), 'reading'),
     )

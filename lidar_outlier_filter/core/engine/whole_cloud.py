@@ -49,7 +49,7 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
 
     Parameters
     ----------
-    cloud : in the sensor's own frame, missing returns among its points
+    cloud : in the sensor's own frame, or with it, missing returns among its points
     parameters : whose chain may want rings
 
     """
@@ -58,7 +58,7 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
     where = np.flatnonzero(cloud.valid)
     if len(where) > MAX_TURN_POINTS:
         return cloud
-    found = recover_rings(cloud.xyz[where])
+    found = recover_rings(cloud.in_own_frame.xyz[where])
     if found is None:
         found = find_rows(cloud.take(where), np.arange(len(where)))
     if found is None:

@@ -125,7 +125,9 @@ class Track:
             return points, points.valid
         with self._lock:
             times, poses = self._between(int(known.min()), int(known.max()))
-            covered = points.valid & _is_covered(points.t, times, round(self.max_gap * SECOND))
+            covered = points.valid & is_covered(
+                points.t, np.array(times), round(self.max_gap * SECOND)
+            )
             if not covered.any():
                 return points, covered
             self._is_new = False  # the points have caught up
@@ -162,11 +164,10 @@ def _checked(pose: tuple[float, ...]) -> tuple[float, ...]:
     return (*pose[:3], *(value / norm for value in pose[3:]))
 
 
-def _is_covered(t: Ints, times: list[int], longest: int) -> Bools:
+def is_covered(t: Ints, at: Ints, longest: int) -> Bools:
     """Return which times are those of a pose, or between two without a longer gap."""
-    if not times:
+    if not len(at):
         return np.zeros(len(t), np.bool_)
-    at = np.array(times)
     before = np.searchsorted(at, t, side='right') - 1
     near, following = at[np.maximum(before, 0)], at[np.minimum(before + 1, len(at) - 1)]
     is_between = (following > t) & (following - near <= longest)
