@@ -193,6 +193,8 @@ def parameters_hash(parameters: FilterParameters, options: Mapping[str, object])
     """Hash the parameters and options that decide the bytes of an output."""
     values = {k: v for k, v in parameters.flat().items() if k not in WITHOUT_EFFECT}
     values['mask'] = content_of(parameters)
+    if track := options.get('trajectory'):
+        values['trajectory'] = _hash_files([Path(str(track))])
     homes = (DETECTORS[name].home for name in parameters.chain)
     plugins = sorted({home for home in homes if not home.startswith(lidar_outlier_filter.__name__)})
     said = json.dumps([values, options, [_sources(home) for home in plugins]], sort_keys=True)

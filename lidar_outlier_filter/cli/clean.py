@@ -32,7 +32,7 @@ from lidar_outlier_filter.cli.terminal import (
 from lidar_outlier_filter.disk.new_files import check_new, new_output
 from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, split_name
+from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, check_file, split_name
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
 from lidar_outlier_filter.files.rejected_list import LISTS, write_rejected
 from lidar_outlier_filter.files.text import is_prose
@@ -188,6 +188,8 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
         if value and (options.scheduler or options.scheduler_file):
             raise ParameterError(f'--{name}', 'left out with --scheduler', value)
     check_accepted_share(options)
+    if options.trajectory is not None:
+        check_file(options.trajectory)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.list and options.list.suffix.lower() not in LISTS:

@@ -245,7 +245,7 @@ def _say_how(path: Path, report: CleanReport) -> None:
     if report.coarse:
         say(f'{path}: {report.coarse}')
     if report.note:
-        say(f'among the columns of {path} there is {report.note}')
+        say(f'{path}: {report.note}')
     if report.rings:
         has = f' has {report.lack}' if report.lack else ''
         say(f'{path}{has}: {report.rings} rings are recovered from elevation')

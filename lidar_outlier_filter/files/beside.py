@@ -10,9 +10,10 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints
 from lidar_outlier_filter.core.points import columns as usual
@@ -44,6 +45,9 @@ _UNIT = re.compile(r' ?[\[(](.*)[\])]')
 # LAS has seconds of the GPS week, or of GPS time, less 10^9.
 _WEEK_NS, _ADJUSTED_NS = 604_800 * SECOND, 10**9 * SECOND
 _MAX_RANGE_M = 20_000.0  # beyond, the coordinate systems differ
+# Of a trajectory: times (M,), positions (M, 3) in metres and in the system of the points, headings
+# (M,) in rad, clockwise from the y axis, or None, and what was assumed.
+_Track = tuple[NDArray[Any], Floats, Floats | None, str]
 
 
 def judge_with_buffer(
@@ -138,34 +142,8 @@ def _tiles_at(own: Path, low: Floats, high: Floats) -> Iterator[Path]:
             yield path
 
 
-class _Trajectory(NamedTuple):
-    """M positions, in order of time.
-
-    Attributes
-    ----------
-    t : (M,) int64
-        Nanoseconds.
-    xyz : (M, 3) float64
-        Metres, in the coordinate system of a file.
-    heading : (M,) float64 or None
-        Clockwise from the y axis, rad, without jumps by a turn.
-    note : str
-        What was assumed; empty: nothing.
-
-    """
-
-    t: Ints
-    xyz: Floats
-    heading: Floats | None
-    note: str
-
-
-# Of a file: seconds, metres in the system of the points, headings (rad), and a note.
-_Columns = tuple[Floats, Floats, Floats | None, str]
-
-
-def _read_trajectory(path: Path, file: CloudFile, units: list[float]) -> _Trajectory:
-    """Read the trajectory of a LAS file; ``units``: metres per unit of x, y and z of a table."""
+def _read_trajectory(path: Path, file: CloudFile, units: list[float]) -> _Track:
+    """Read a trajectory, its times in ns; ``units``: metres per unit of x, y and z of a table."""
     with cloud_file.readable(path):
         cloud_file.check_file(path)
         is_sbet = path.suffix.lower() in SBET
@@ -176,11 +154,11 @@ def _read_trajectory(path: Path, file: CloudFile, units: list[float]) -> _Trajec
     ns = usual.to_nanoseconds(t, np.ones(len(t), np.bool_), 's')
     if len(ns) < 2 or not (np.diff(ns) > 0).all():  # noqa: PLR2004  between two
         raise CloudError(f'the times of {path}', 'two or more, ascending', 'others')
-    return _Trajectory(ns, xyz, None if heading is None else np.unwrap(heading), note)
+    return ns, xyz, None if heading is None else np.unwrap(heading), note
 
 
-def _read_sbet(path: Path, file: CloudFile) -> _Columns:
-    """Read an SBET; its latitudes and longitudes are of the datum of the file."""
+def _read_sbet(path: Path, file: CloudFile) -> _Track:
+    """Read an SBET, its times in s; its positions are of the datum of the file."""
     # It needs PROJ, which is no part of every installation.
     from pyproj import CRS, Transformer  # noqa: PLC0415
     from pyproj.exceptions import ProjError  # noqa: PLC0415
@@ -219,8 +197,8 @@ def _read_sbet(path: Path, file: CloudFile) -> _Columns:
     return t, xyz, heading - wander + np.arctan2(east, north), note
 
 
-def _read_table(path: Path, units: list[float]) -> _Columns:
-    """Read a table, with or without names on top."""
+def _read_table(path: Path, units: list[float]) -> _Track:
+    """Read a table, with or without names on top; its times in s."""
     table = TextFile(path)
     plain = {_UNIT.sub('', name): name for name in table.columns}
     found = (next(iter(usual.candidates(tuple(plain), names)), '') for names in _NAMES)
@@ -264,9 +242,9 @@ def with_trajectory(  # noqa: PLR0913  points, and where the scanner was
         If the trajectory cannot be read, does not reach over all points, or is elsewhere.
 
     """
-    trajectory = _read_trajectory(path, file, [*axes.values(), 1.0][:3])
+    when, position, heading, note = _read_trajectory(path, file, [*axes.values(), 1.0][:3])
     points, gps_time = loaded.points, cloud_file.filled(loaded.more[GPS_TIME])
-    motion, heading = parameters.motion, trajectory.heading
+    motion = parameters.motion
     if heading is None and (motion.x, motion.y) != (0.0, 0.0):
         got = f'{motion.x:g} and {motion.y:g}'
         raise ParameterError('motion.x and motion.y', f'0 m, as {path} has no heading', got)
@@ -274,23 +252,22 @@ def with_trajectory(  # noqa: PLR0913  points, and where the scanner was
     known = t[points.valid]
     if not len(known):
         return loaded
-    when = trajectory.t + _weeks_between(trajectory.t, known)
+    when += _weeks_between(when, known)
     longest = round(motion.max_gap * SECOND)
     if missed := np.count_nonzero(points.valid & ~is_covered(t, when, longest)):
         span = f'{known.min() / SECOND:.3f} to {known.max() / SECOND:.3f} s'
         must_be = f'those of the points, {span}, without gaps over {motion.max_gap:g} s'
         got = f'{when[0] / SECOND:.3f} to {when[-1] / SECOND:.3f} s: {missed} points are outside'
         raise CloudError(f'the times of {path}', f'{must_be} (motion.max_gap)', got)
-    own = _seen_from(trajectory._replace(t=when), points.xyz, t, allocate)
+    own = _seen_from(points.xyz, t, (when, position, heading), allocate)
     own -= (motion.x, motion.y, motion.z)
     seen = replace(points, own=own)
     near, middle, far = np.percentile(seen.range[points.valid], (1, 50, 99))
     if middle > _MAX_RANGE_M:
         must_be = f'those of the points, and within {_MAX_RANGE_M:g} m of them'
         raise CloudError(f'the coordinates of {path}', must_be, f'{middle:g} m away')
-    said = f'seen from {path.name}: {middle:.1f} m away, most {near:.1f} to {far:.1f} m'
-    note = '; '.join(filter(None, (loaded.note, said, trajectory.note)))
-    return replace(loaded, points=seen, note=note)
+    said = f'seen from {path.name}, {middle:.1f} m away, mostly {near:.1f} to {far:.1f} m'
+    return replace(loaded, points=seen, note='; '.join(filter(None, (loaded.note, said, note))))
 
 
 def _weeks_between(t: Ints, known: Ints) -> int:
@@ -301,15 +278,17 @@ def _weeks_between(t: Ints, known: Ints) -> int:
     return origin + behind // _WEEK_NS * _WEEK_NS if origin else 0
 
 
-def _seen_from(trajectory: _Trajectory, xyz: Floats, t: Ints, allocate: Allocate) -> Floats:
+def _seen_from(
+    xyz: Floats, t: Ints, track: tuple[Ints, Floats, Floats | None], allocate: Allocate
+) -> Floats:
     """Return N positions at their times (N,) ahead, to the left, and above; or east and north."""
     own: Floats = allocate(xyz.shape)
+    when, position, heading = track
     for begin in range(0, len(own), CHUNK_ROWS):
         part = slice(begin, begin + CHUNK_ROWS)
-        at = [np.interp(t[part], trajectory.t, axis) for axis in trajectory.xyz.T]
-        east, north, up = xyz[part].T - at
-        if trajectory.heading is not None:
-            turn = np.interp(t[part], trajectory.t, trajectory.heading)
+        east, north, up = xyz[part].T - [np.interp(t[part], when, axis) for axis in position.T]
+        if heading is not None:
+            turn = np.interp(t[part], when, heading)
             sine, cosine = np.sin(turn), np.cos(turn)
             east, north = sine * east + cosine * north, sine * north - cosine * east
         own[part] = np.stack([east, north, up], axis=1)

@@ -71,46 +71,44 @@ def judged(path: Path, trajectory: Path, **parameters: object) -> JudgedFile:
     return judge_file(open_cloud(path), CleanOptions(dry=True, trajectory=str(trajectory)), changed)
 
 
+def seen(drive: Drive, xyz: Floats, *, turned: bool = True) -> Floats:
+    """Return points ahead of, to the left of, and above the vehicle; or to the east and north."""
+    position, rotation = pose(drive.t.astype(np.float64) * 1e-9)
+    level = Rotation.from_euler('z', -rotation.as_euler('ZYX')[:, :1] * turned)
+    found: Floats = level.apply(xyz - MAP - position)
+    return found
+
+
 @pytest.mark.parametrize('name', ['plain.txt', 'a.traj', 'sbet.out'])
 def test_points_are_seen_from_the_scanner(tmp_path: Path, name: str) -> None:
-    """Ahead, to the left and above, or east and north; times are of the week, or those of LAS."""
-    drive = Drive(0.5)
-    seconds = drive.t * 1e-9
-    path = write(tmp_path / 'a.las', drive.fixed, GPS_TIME + seconds)
-    position, rotation = pose(seconds)
-    expected, mounted = drive.fixed - MAP - position, np.array([0.0, 0.0, POSITION[2]])
-    if name != 'plain.txt':
-        mounted = np.array(POSITION)
-        expected = Rotation.from_euler('z', -rotation.as_euler('ZYX')[:, :1]).apply(expected)
-    expected -= mounted
+    """Times are those of LAS, or of the week; without heading, x is east."""
+    drive, turned = Drive(0.5), name != 'plain.txt'
+    path = write(tmp_path / 'a.las', drive.fixed, GPS_TIME + drive.t * 1e-9)
+    mounted = np.multiply(POSITION, (turned, turned, True))
+    expected = seen(drive, drive.fixed, turned=turned) - mounted
     mounting = zip(('motion.x', 'motion.y', 'motion.z'), mounted.tolist(), strict=True)
     loaded = judged(path, track(tmp_path / name), **dict(mounting)).loaded
     assert loaded.points.own is not None
     np.testing.assert_allclose(loaded.points.own, expected, atol=3e-4)
     middle = np.median(np.sqrt((expected**2).sum(axis=1)))
-    assert loaded.note.startswith(f'seen from {name}: {middle:.1f} m away')
+    assert loaded.note.startswith(f'seen from {name}, {middle:.1f} m away')
     assert ('ellipsoidal' in loaded.note) == (name == 'sbet.out')
 
 
 def test_points_below_the_track_are_rejected(tmp_path: Path) -> None:
     """As lastrack does: those within 3 m of the vehicle's side, and 0.4 m below it."""
     drive = Drive(0.5)
-    road = drive.fixed[:, 2] < MAP[2] + 0.1
-    low = road & (np.arange(len(road)) % 50 == 0)
-    xyz = drive.fixed - np.where(low, 0.8, 0.0)[:, None] * (0.0, 0.0, 1.0)
+    low = (drive.fixed[:, 2] < MAP[2] + 0.1) & (np.arange(len(drive.t)) % 50 == 0)
+    xyz = drive.fixed - np.outer(low, (0.0, 0.0, 0.8))
     path = write(tmp_path / 'a.las', xyz, GPS_TIME + drive.t * 1e-9)
-    box = {'negative': 'true', 'max_z': -0.4, 'min_y': -3, 'max_y': 3}
     command = ['clean', str(path), '--trajectory', str(track(tmp_path / 'a.traj'))]
-    for name, value in box.items():
-        command += ['--set', f'crop_box.{name}={value}']
+    for value in ('negative=true', 'max_z=-0.4', 'min_y=-3', 'max_y=3'):
+        command += ['--set', f'crop_box.{value}']
     assert main([*command, '--chain', 'crop_box']) == 0
-    position, rotation = pose(drive.t * 1e-9)
-    away = xyz - MAP - position
-    yaw = rotation.as_euler('ZYX')[:, 0]
-    near = np.abs(np.cos(yaw) * away[:, 1] - np.sin(yaw) * away[:, 0]) < 3
-    assert 0 < (low & near).sum() < low.sum()
+    expected = low & (np.abs(seen(drive, xyz)[:, 1]) < 3)
+    assert 0 < expected.sum() < low.sum()
     marked = np.array(laspy.read(tmp_path / 'a_cleaned.las').classification) == 7
-    np.testing.assert_array_equal(marked, low & near)
+    np.testing.assert_array_equal(marked, expected)
 
 
 def test_rings_are_recovered_from_a_map(tmp_path: Path) -> None:
@@ -121,36 +119,48 @@ def test_rings_are_recovered_from_a_map(tmp_path: Path) -> None:
     assert found.loaded.rings == len(RINGS)
 
 
-GAP: dict[str, object] = {'motion.max_gap': 0.1}
-THREE = '299999999.9 400000 5000000 100\n300000000.0 400000 5000000 100\n300000000.1 4e5 5e6 1e2\n'
+def test_what_changes_is_cleaned_again(tmp_path: Path) -> None:
+    """Of an archive, all files, if the trajectory is another one under its name."""
+    (tmp_path / 'in').mkdir()
+    write(tmp_path / 'in' / 'a.las', MAP + np.eye(3), GPS_TIME)
+    path = track(tmp_path / 'still.txt')
+    command = ['clean', str(tmp_path / 'in'), '--trajectory', str(path), '--chain', 'crop_box']
+    command += ['--set', 'crop_box.max_range=9']
+    for far in (0, 20):
+        path.write_text(path.read_text().replace(' 100.', f' {100 + far}.'))
+        assert main(command) == 0
+        (output,) = (tmp_path / 'in_cleaned').glob('*.las')
+        assert (np.array(laspy.read(output).classification) == 7).all() == (far > 9)
+
+
+ROWS = '299999999.9 400000 5000000 100\n300000000.0 400000 5000000 100\n300000000.1 4e5 5e6 1e2\n'
 
 
 @pytest.mark.parametrize(
-    ('name', 'content', 'sentence', 'options'),
+    ('name', 'content', 'sentence'),
     [
-        ('a.out', b'\0' * 271, 'of whole records of 136 bytes .SBET., got 271', {}),
-        ('a.out', np.full(34, np.nan).tobytes(), 'must be', {}),
-        ('a.txt', THREE.replace('5e6', 'nan'), 'positions of .* must be finite', {}),
-        ('a.txt', THREE.replace('300000000.1', '300000000.0'), 'ascending', {}),
-        ('a.txt', THREE.replace('300000000', '300000001'), r'points, 300000000.000 to', {}),
-        ('a.txt', THREE.replace('300000000.0', '299999999.95'), 'without gaps over 0.1 s', GAP),
-        ('a.txt', THREE.replace('5000000', '51'), 'within 20000 m of them', {}),
-        ('a.txt', 'time x y\n1 2 3\n2 3 4\n', 'must be time, x, y and z', {}),
-        ('a.txt', THREE, 'motion.x and motion.y must be 0 m', {'motion.x': 1.0}),
+        ('a.out', b'\0' * 271, 'of whole records of 136 bytes .SBET., got 271'),
+        ('a.out', np.full(34, np.nan).tobytes(), 'must be'),
+        ('a.txt', ROWS.replace('5e6', 'nan'), 'positions of .* must be finite'),
+        ('a.txt', ROWS.replace('300000000.1', '300000000.0'), 'ascending'),
+        ('a.txt', ROWS.replace('300000000', '300000001'), r'points, 300000000.000 to'),
+        ('a.txt', ROWS.replace('0.0 ', '0.4 ').replace('0.1 ', '0.5 '), 'without gaps over 0.2 s'),
+        ('a.txt', ROWS.replace('5000000', '51'), 'within 20000 m of them'),
+        ('a.txt', 'time x y\n1 2 3\n2 3 4\n', 'must be time, x, y and z'),
     ],
 )
 def test_what_does_not_fit_is_refused(
-    tmp_path: Path, name: str, content: str | bytes, sentence: str, options: dict[str, object]
+    tmp_path: Path, name: str, content: str | bytes, sentence: str
 ) -> None:
     """In a sentence that says what it must be."""
     path = write(tmp_path / 'a.las', MAP + np.eye(3), GPS_TIME)
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(FilterError, match=sentence):
-        judged(path, tmp_path / name, **options)
+        judged(path, tmp_path / name)
 
 
-def test_systems_that_sbet_does_not_reach_are_refused(tmp_path: Path) -> None:
-    """A file without a system, and heights above a geoid that is not known there."""
+def test_what_the_file_lacks_is_refused(tmp_path: Path) -> None:
+    """A system, for SBET; one of heights that is known there; a heading, for what is ahead."""
     for crs, sentence in (
         ('', 'coordinate system of .* got none'),
         ('EPSG:32632+5703', 'projected to'),
@@ -158,3 +168,5 @@ def test_systems_that_sbet_does_not_reach_are_refused(tmp_path: Path) -> None:
         path = write(tmp_path / 'a.las', MAP + np.eye(3), GPS_TIME, crs)
         with pytest.raises(FilterError, match=sentence):
             judged(path, track(tmp_path / 'sbet.out'))
+    with pytest.raises(FilterError, match=r'y must be 0 m, as .* has no heading'):
+        judged(path, track(tmp_path / 'still.txt'), **{'motion.x': 1.0})
