@@ -35,9 +35,21 @@ def main(node: str, what: str, *values: str) -> object:
     if what in {'save_parameters', 'reset'}:
         return call(Trigger, f'{node}/{what}')
     if what == 'diagnostics':
-        return wait_for_message(DiagnosticArray, me, '/diagnostics', time_to_wait=TIMEOUT)[1]
+        return diagnostics()
     transition = Transition(id=getattr(Transition, f'TRANSITION_{what.upper()}'))
     return call(ChangeState, f'{node}/change_state', transition=transition)
+
+
+def diagnostics() -> str:
+    """Wait for the diagnostics; each value has a line."""
+    come, said = wait_for_message(DiagnosticArray, me, '/diagnostics', time_to_wait=TIMEOUT)
+    if not come:
+        sys.exit('/diagnostics must be published by a running node, got nothing')
+    lines = []
+    for status in said.status:
+        lines.append(f'{status.name}: {status.message}')
+        lines += [f'  {value.key}: {value.value}' for value in status.values]
+    return '\n'.join(lines)
 
 
 def call(kind: Any, name: str, **fields: object) -> object:

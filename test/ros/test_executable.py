@@ -212,7 +212,7 @@ def test_operated_without_ros2() -> None:
             ('activate', 'success=True'),
             ('set scores true', 'successful=True'),
             ('enable false', "message='clouds pass unfiltered'"),
-            ('diagnostics', 'disabled: clouds pass unfiltered'),
+            ('diagnostics', 'disabled: clouds pass unfiltered\n  clouds/s: '),
         ):
             command = (program, '/outlier_filter_node', *words.split())
             assert response in ended(sys.executable, *command, env=env).stdout
