@@ -340,7 +340,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
             *on_page(
                 'README.md',
-                '| | default | `config/classic.yaml` |\n| --- | --- | --- |\n'
+                '| | default | `classic.yaml` |\n| --- | --- | --- |\n'
                 '| reflections found | {default reflection} | {classic reflection} |\n'
                 '| exhaust found | {default exhaust} | {classic exhaust} |\n'
                 '| points near a surface found | {default near surface} '
