@@ -65,7 +65,7 @@ def judge_with_buffer(
     inside = own.xyz[own.valid]
     if len(inside) == 0:
         return loaded, judge(own)
-    beside, names = read_beside(file, axes, inside, *seen)
+    beside, names = _read_beside(file, axes, inside, *seen)
     xyz = np.concatenate([own.xyz, beside])
     zeros = np.zeros(len(xyz), np.int64)
     valid = np.append(own.valid, np.ones(len(beside), np.bool_))
@@ -78,31 +78,13 @@ def judge_with_buffer(
     return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
 
 
-def read_beside(
+def _read_beside(
     file: CloudFile, axes: Mapping[str, float], xyz: Floats, buffer: float, ignore: Sequence[int]
 ) -> tuple[Floats, list[str]]:
-    """Read the points beside a tile, chunk by chunk.
+    """Read the points (M, 3) within so many metres of a tile, and the names of files that have any.
 
-    Parameters
-    ----------
-    file : the tile
-    axes : its columns x, y and z, and metres per unit of each
-    xyz : (N, 3) float64
-        Its points, metres.
-    buffer : how far beside its box points may lie, metres
-    ignore : classes whose points are left out
-
-    Returns
-    -------
-    xyz : (M, 3) float64, metres
-    names : of the files that have points within the buffer
-
-    Raises
-    ------
-    FilterError
-        If the buffer is no length, the tile is no LAS file, or another file beside it is in another
-        coordinate system.
-
+    ``axes``: metres per unit of its columns x, y and z; ``xyz``: its points, metres; ``ignore``:
+    classes whose points are left out.
     """
     if not 0 < buffer < np.inf:
         raise ParameterError('--buffer', 'at least 0 and finite', buffer)
