@@ -24,9 +24,10 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POIN
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
-from lidar_outlier_filter.files.beside import judge_with_buffer, with_trajectory
+from lidar_outlier_filter.files.beside import judge_with_buffer
 from lidar_outlier_filter.files.cloud_file import LOW_NOISE, MAX_CLASS, CloudFile
 from lidar_outlier_filter.files.points import Loaded
+from lidar_outlier_filter.files.trajectory import with_trajectory
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'

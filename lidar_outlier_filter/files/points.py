@@ -133,8 +133,8 @@ def load(  # noqa: PLR0913  which columns, and where to
     if parameters.mask_shadow and (file.crs or file.grids):
         must_be = f'false for {file.path}, which does not say where its sensor was'
         raise ParameterError('mask_shadow', must_be, 'true')
-    wanted = read_field(parameters)
-    fields = _usual(file, (wanted,))[:1] if wanted else ()
+    field_name = read_field(parameters)
+    fields = _usual(file, (field_name,))[:1] if field_name else ()
     others = list(dict.fromkeys([*_timing(file, parameters, timed=timed), *more, *ring, *fields]))
     sizes = file.metres if metres is None else metres
     xyz, columns = _read(file, coordinates, others, sizes, allocate, progress)
@@ -155,8 +155,10 @@ def load(  # noqa: PLR0913  which columns, and where to
         found = _with_lines(file, points, columns, parameters, size)
     if found.lack:
         check_chain(parameters.chain, str(file.path), found.lack)
-    if wanted and not fields:
-        found = replace(found, note='; '.join(filter(None, (found.note, usual.missing(wanted)))))
+    if field_name and not fields:
+        found = replace(
+            found, note='; '.join(filter(None, (found.note, usual.missing(field_name))))
+        )
     return replace(found, more=kept)
 
 

@@ -276,9 +276,9 @@ def _from_arrays(
         for name, values in columns.items()
     }
     t, line, intensity = given.values()
-    field = given.get(wanted := read_field(parameters))
-    if wanted and field is None:
-        warn(f'among the arrays there is {usual.missing(wanted)}')
+    field = given.get(field_name := read_field(parameters))
+    if field_name and field is None:
+        warn(f'among the arrays there is {usual.missing(field_name)}')
     mask = mask_of(parameters)
     if mask is not None and line is None:
         raise CloudError('line', 'the ring of each point if mask is set', 'none')

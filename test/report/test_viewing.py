@@ -87,12 +87,12 @@ def test_plotjuggler(ros: Ros) -> None:
     (chosen,) = (one.attrib['value'] for one in root.iter('selected_topics'))
     assert set(chosen.split(';')) <= set(topics)
     status = f'/diagnostics//points/{ros.diagnosis(lambda one: "outliers" in one.values).name}/'
-    places = {f'/{NODE_NAME}/statistics/data[{i}]': name for i, name in enumerate(PLOTTED)}
-    places |= {status + name: name for name in ('outliers', 'rejected by boosted_trees')}
+    series = {f'/{NODE_NAME}/statistics/data[{i}]': name for i, name in enumerate(PLOTTED)}
+    series |= {status + name: name for name in ('outliers', 'rejected by boosted_trees')}
     areas = list(root.iter('DockArea'))
     assert len(areas) == 4
     for area in areas:
-        curves = [places[curve.attrib['name']] for curve in area.iter('curve')]
+        curves = [series[curve.attrib['name']] for curve in area.iter('curve')]
         assert area.attrib['name'] == ', '.join(curves)
 
 
