@@ -76,7 +76,6 @@ class FilterError(Exception):
 
 
 def _again(kind: type[FilterError], *sentence: str) -> FilterError:
-    """Make an error of a kind with its sentence."""
     return kind.__new__(kind, *sentence)
 
 

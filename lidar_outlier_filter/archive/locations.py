@@ -163,7 +163,6 @@ def _recordings(path: RecordingPath) -> Iterator[Location]:
 
 
 def _location(path: RecordingPath, files: Mapping[RecordingPath, State]) -> Location:
-    """Describe a recording by its files."""
     states = sorted((file.name, *state) for file, state in files.items())
     state = states[0][-1] if states else ''
     if len(states) > 1:

@@ -149,7 +149,6 @@ def _made_by(done: Sequence[ArchiveRow]) -> Iterator[str]:
 def _totals(
     rows: Sequence[ArchiveRow], done: Sequence[ArchiveRow], colours: Mapping[str, str], what: str
 ) -> Iterator[str]:
-    """Give the sums over all rows."""
     sums = sum((row.sums for row in done), Counter())
     points, refused = sums['points'], sums['refused']
     failed, odd = sum(row.record.is_failed for row in rows), sum(bool(row.odd) for row in done)

@@ -92,7 +92,6 @@ class Progress:
     """How much of a run is done; threads may report to it."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
-        """Take the tasks of a run."""
         self._running: dict[Task, float] = {}  # shares that are done
         self._bytes, self._total = sum(task.location.size for task in tasks), len(tasks)
         self._bytes_done, self._finished, self._last = 0, 0, ''

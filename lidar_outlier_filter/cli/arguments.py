@@ -129,7 +129,6 @@ def add_clean(commands: Commands) -> None:
 
 
 def _add_accepted_share(parser: ArgumentParser, beyond: str) -> None:
-    """Add the option for how much may be rejected."""
     parser.add_argument(
         '--accept-share',
         type=float,
@@ -146,7 +145,6 @@ def check_accepted_share(options: Namespace) -> None:
 
 
 def _add_outputs(parser: ArgumentParser) -> None:
-    """Add the options for output files."""
     add = parser.add_argument
     add(
         '--output',

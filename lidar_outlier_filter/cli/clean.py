@@ -72,7 +72,6 @@ def _clean_many(
     folder: Path | None,
     inspect: Inspect | None,
 ) -> int:
-    """Clean several files, or all files of folders."""
     from lidar_outlier_filter.archive.jobs import CleanJob
     from lidar_outlier_filter.cli.archive import go_through
 
@@ -178,7 +177,6 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 
 def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
-    """Refuse conflicting options."""
     check_workers(options, is_archive=is_archive)
     for name in ('outliers', 'picture', 'list'):
         value = getattr(options, name)
@@ -218,7 +216,6 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
 
 
 def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: str) -> Task:
-    """Return the task of one file."""
     from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.archive.locations import Location, location_of
 

@@ -143,7 +143,6 @@ def _counted(number: int, name: str) -> str:
 
 
 def _show_file(path: Path) -> None:
-    """Print what is known of a file of points."""
     info = describe_file(path)
     table = numbers('column', 'type', 'least', 'largest', texts=2)
     for name, kind in info.columns.items():

@@ -87,7 +87,6 @@ def _parse_searches(texts: Sequence[str]) -> dict[str, Sequence[object]]:
 
 
 def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters) -> Training:
-    """Read the clouds of a recording or a file, and their truth."""
     if options.labels and len(options.data) > 1:
         must_be = 'given for one recording; of several, the truth is in their clouds'
         raise RecordingError('--labels', must_be, f'{len(options.data)} recordings')

@@ -79,7 +79,6 @@ def _prefix(path: Path) -> str:
 
 
 def _hidden_beside(path: Path) -> list[Path]:
-    """List the hidden folders of an output."""
     with os.scandir(path.parent) as found:
         folders = [one for one in found if one.is_dir(follow_symlinks=False)]
     return [Path(one.path) for one in folders if one.name.startswith(_prefix(path))]

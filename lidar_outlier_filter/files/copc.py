@@ -169,7 +169,6 @@ class NodeBackend:
     """What laspy compresses points with: each node is a chunk."""
 
     def __init__(self, laszip: bytes, counts: NDArray[np.int64]) -> None:
-        """Take the record of LASzip, and the points of each node."""
         self._laszip, self._counts = laszip, counts
 
     def is_available(self) -> bool:

@@ -102,7 +102,6 @@ class E57File(CloudFile):
     def _chunks(
         self, node: Any, scan: _PosedScan, fields: Sequence[str]
     ) -> Iterator[dict[str, NDArray[Any]]]:
-        """Read fields of a scan chunk by chunk."""
         size = min(CHUNK_ROWS, scan.count)
         columns = {
             field: np.empty(size, _FLOAT if scan.fields[field].kind == 'f' else _WHOLE)
@@ -182,7 +181,6 @@ def _check_xml(path: Path) -> None:
 
 
 def _scan(path: Path, node: Any, number: int) -> _PosedScan:
-    """Read the description of a scan."""
     what = f'scan {number + 1}'
     prototype = libe57.StructureNode(node['points'].prototype())
     nodes = [prototype.get(i) for i in range(prototype.childCount())]

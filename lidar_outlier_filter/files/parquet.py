@@ -38,7 +38,6 @@ class ParquetFile(CloudFile):
     """A Parquet file; see :class:`CloudFile`."""
 
     def __init__(self, path: Path) -> None:
-        """Read schema and size."""
         self.path = path
         with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             self._schema = file.schema_arrow
@@ -136,7 +135,6 @@ def check_groups(path: Path, file: parquet.ParquetFile) -> int:
 
 
 def _columns(file: parquet.ParquetFile) -> list[Any]:
-    """Return the columns of the schema."""
     return [file.schema.column(index) for index in range(len(file.schema.names))]
 
 

@@ -42,7 +42,6 @@ class PcdFile(RowFile):
     """A PCD file; see :class:`CloudFile`."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header."""
         self.path = path
         with path.open('rb') as stream:
             self._header = read_header(stream, bool, lambda line: line.upper().startswith(b'DATA'))

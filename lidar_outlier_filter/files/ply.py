@@ -70,7 +70,6 @@ class PlyFile(RowFile):
     """A PLY file; see :class:`CloudFile`."""
 
     def __init__(self, path: Path) -> None:
-        """Read the header, and find where the vertices begin."""
         self.path = path
         self._size = path.stat().st_size
         with path.open('rb') as stream:

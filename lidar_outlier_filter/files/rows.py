@@ -44,7 +44,6 @@ class RowFile(CloudFile):
             yield from self._rows.write(stream, change)
 
     def _changed_header(self, _change: Change) -> Iterator[bytes]:
-        """Yield the lines of the header of a copy."""
         yield from self._header
 
 

@@ -30,7 +30,6 @@ class SqliteFile(CloudFile):
     whole = 'the verdict on a table is a table of its own'
 
     def __init__(self, path: Path, table: str | None = None) -> None:
-        """Find the table, its columns and its size."""
         self.path = path
         for log in open_logs(path):
             must_be = 'closed by its writer'
@@ -109,7 +108,6 @@ class SqliteFile(CloudFile):
 
 
 def _choose(database: sqlite3.Connection, path: Path, requested: str | None) -> str:
-    """Find the requested table."""
     # Virtual tables, whose rows a module makes, have no page.
     of_rows = "SELECT name FROM sqlite_schema WHERE type = 'table' AND rootpage > 0"
     found = database.execute(of_rows)

@@ -80,7 +80,6 @@ class TextFile(RowFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """Find the separator, the names, and how many rows there are."""
         self.path = path
         with path.open('rb') as stream:
             mark = BOM_UTF8 if stream.read(len(BOM_UTF8)) == BOM_UTF8 else b''
@@ -149,7 +148,6 @@ class _TableRows(TextRows):
 
 
 def _fields(line: bytes, separator: bytes, *, strict: bool = True) -> list[str]:
-    """Split a line into its fields."""
     *_, last = line.rstrip(b'\r\n').rsplit(b'\n', 1)  # blank lines come before it
     mark, text = separator.decode(), last.decode('utf-8', 'surrogateescape')
     if mark == ' ':
@@ -263,7 +261,6 @@ class PtxFile(CloudFile):
         return width
 
     def _numbers(self, line: bytes, width: int, what: str) -> list[float]:
-        """Read a line of a pose."""
         try:
             numbers = [parse_number(word.decode('latin-1')) for word in line.split()]
         except ValueError:

@@ -102,7 +102,6 @@ def as_given(cloud: Any) -> Any:
 
 
 def _refuse(cloud: NDArray[Any]) -> None:
-    """Refuse arrays that are no clouds."""
     if not cloud.dtype.names:
         raise CloudError('a cloud', A_CLOUD, f'an array of {cloud.dtype}, {cloud.shape}')
     if isinstance(cloud, np.ma.MaskedArray):

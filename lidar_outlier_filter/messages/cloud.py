@@ -177,7 +177,6 @@ def first_numbers(detectors: NDArray[np.uint16]) -> Bytes:
 
 
 def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
-    """Append the values of a verdict behind each point."""
     order = '>' if msg.is_bigendian else '<'
     added = [(name, order + kind) for name, kind in SCORE_FIELDS.items()]
     wider = np.empty(len(rows), np.dtype([('point', rows.dtype), *added]))

@@ -105,7 +105,6 @@ def _has_echoes(ranges: Any) -> bool:
 
 
 def _refuse_numbers(scan: Any) -> None:
-    """Refuse numbers that no scanner has."""
     for name in NUMBERS:
         value = getattr(scan, name)
         if not (math.isfinite(value) or (name == 'range_max' and value > 0)):
@@ -146,7 +145,6 @@ def _directions(first: float, step: float, count: int) -> tuple[Floats, Floats]:
 
 
 def _cloud(scan: Any, rows: Rows) -> ScanCloud:
-    """Describe rows as a PointCloud2."""
     columns: Any = rows.dtype.fields
     return ScanCloud(
         scan=scan,

@@ -84,7 +84,6 @@ class CloudFilter(Pipeline):
         *,
         chain: str | Sequence[str] | None = None,
     ) -> None:
-        """Take the parameters; nothing is read yet."""
         super().__init__(with_defaults(parameters, chain), inform, warn)
 
     def push(
@@ -310,7 +309,6 @@ def _column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
 
 
 def _numeric(name: str, values: Any) -> NDArray[Any]:
-    """Convert to an array of numbers."""
     must_be = 'an array of numbers'
     if isinstance(values, np.ma.MaskedArray):
         raise CloudError(name, f'{must_be} without a mask', 'a masked array')

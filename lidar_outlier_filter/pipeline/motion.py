@@ -55,7 +55,6 @@ class Odometry:
     """Poses of nav_msgs/Odometry messages, and the sensor's place in their child frame."""
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Read the extrinsics of the sensor and the longest gap between poses."""
         motion = parameters.motion
         self.topic = motion.topic
         self.refusals = CountsByReason()

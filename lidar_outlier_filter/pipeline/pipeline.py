@@ -84,7 +84,6 @@ class Pipeline:
         warn: Callable[[str], object] = str,
         motion: PoseSource | None = None,
     ) -> None:
-        """Take the parameters; nothing is read yet."""
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
         self.slow: Callable[[SlowDetector], object] = str

@@ -41,7 +41,6 @@ class Tf:
     topic = ''
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Begin without transforms."""
         self.refusals = CountsByReason()
         self.listeners = {(DYNAMIC, TRANSFORMS): self.take, (STATIC, TRANSFORMS): self.take_static}
         self._fixed = _name(parameters.motion.fixed_frame)

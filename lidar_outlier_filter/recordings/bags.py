@@ -275,7 +275,6 @@ class NewBag:
     """
 
     def __init__(self, path: Path, custom_data: Mapping[str, str] | None = None) -> None:
-        """Name the folder, and the ``custom_data`` of its ``metadata.yaml``."""
         self.path = path
         self._custom_data = custom_data or {}
 

@@ -46,7 +46,6 @@ class MessageTimes:
     """The times of the messages of a topic, ns, in the order in which they were recorded."""
 
     def __init__(self, times: Iterable[int] = ()) -> None:
-        """Start with some times; more may be added."""
         self._times = array('q', times)
 
     def add(self, time: int) -> None:

@@ -91,7 +91,6 @@ def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Los
 
 
 def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) -> None:
-    """Write the readable messages into a new bag."""
     bag = _metadata(path, losses)
     zipped = str(bag.get('compression_mode')).lower() == 'message'
     topics: dict[tuple[str, str], Topic] = {}
@@ -144,7 +143,6 @@ def _metadata(path: Path, losses: Losses) -> dict[str, Any]:
 
 
 def _files(path: Path, bag: Mapping[str, Any], losses: Losses) -> Iterator[Path]:
-    """List the files of a recording, in their order."""
     if not path.is_dir():
         yield path
         return

@@ -139,7 +139,6 @@ class SharedInputs:
     """Gives chains that differ in a threshold only the same input for the same points."""
 
     def __init__(self) -> None:
-        """Begin empty."""
         self._known: dict[tuple[object, ...], DetectorInput] = {}
 
     def __call__(

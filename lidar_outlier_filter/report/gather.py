@@ -222,7 +222,6 @@ class Keeper:
     """Keeps at most so many points: rejected ones, those near the threshold, an even sample."""
 
     def __init__(self, most: int) -> None:
-        """Keep at most so many."""
         self._most = most
         self._parts: list[Rows] = []
         self._held = 0

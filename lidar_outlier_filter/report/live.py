@@ -73,7 +73,6 @@ class LiveClouds:
     """A ring of frames. One thread adds clouds, others ask for new frames."""
 
     def __init__(self) -> None:
-        """Begin without clouds."""
         self._lock = threading.Lock()
         self._frames: deque[LiveFrame] = deque(maxlen=MAX_FRAMES)
         self._count = 0

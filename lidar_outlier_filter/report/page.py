@@ -117,7 +117,6 @@ def _detectors() -> list[dict[str, Any]]:
 
 
 def _path(found: SourceFacts) -> list[list[float]]:
-    """Thin the path of the sensor."""
     each = max(1, len(found.path) // MAX_ON_PATH)
     return [[round(value, 3) for value in position] for position in found.path[::each]]
 

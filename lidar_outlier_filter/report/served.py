@@ -150,7 +150,6 @@ class PageServer:
 
 
 def _number(what: str, text: str, least: int, most: int) -> int:
-    """Read a whole number of a request."""
     if text.isascii() and text.removeprefix('-').isdecimal() and len(text) < MAX_DIGITS:
         number = int(text)
         if least <= number <= most:
@@ -219,8 +218,6 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Serves one connection."""
-
     server: _Server
     protocol_version = 'HTTP/1.1'
     timeout = MAX_IDLE_S
@@ -269,7 +266,6 @@ class _Handler(BaseHTTPRequestHandler):
         return address.path, asked
 
     def _content(self) -> bytes:
-        """Read what a request brings."""
         what, said = 'the length of a request', self.headers.get('Content-Length', '')
         length = _number(what, said, 0, MAX_NUMBER)
         if length > MAX_REQUEST:

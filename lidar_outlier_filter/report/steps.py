@@ -181,7 +181,6 @@ class RowCounts:
     """Counts points of all clouds by row: row 1 of two holds rejected points, for example."""
 
     def __init__(self, rows: int) -> None:
-        """Count nothing yet."""
         self._truth, self._ranges, self._reasons, self._detectors = (
             np.zeros((rows, columns), np.int64)
             for columns in (3, len(RANGES), REASONS, DETECTOR_BITS)
@@ -285,7 +284,6 @@ class Tally:
     """
 
     def __init__(self) -> None:
-        """Count nothing yet."""
         self.given = RowCounts(2)
         self.untested = 0
         self.scores = np.zeros((2, SCORE_BINS), np.int64)

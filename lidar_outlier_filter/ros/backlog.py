@@ -42,7 +42,6 @@ class Inbox:
     """
 
     def __init__(self, load: LoadParameters) -> None:
-        """Take the bounds."""
         self.load = load
         self._changed = threading.Condition()
         self._items: deque[Received | Command] = deque()
@@ -185,7 +184,6 @@ class Overload:
     """Chooses the treatment of the next cloud by the load policy and the backlog."""
 
     def __init__(self) -> None:
-        """Begin with an empty backlog."""
         self.treatment = Treatment.FILTER  # of the last cloud
         self._busy = False
         self._longest = 0.0  # seconds: the longest recent cloud, fading

@@ -22,7 +22,6 @@ class Diagnostics:
     """Looks at the channels of a node once in a second of real time, and says what it sees."""
 
     def __init__(self, node: TunableNode, channels: Sequence[Channel]) -> None:
-        """Begin at once."""
         self._node = node
         self._channels = channels
         self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)

@@ -204,8 +204,6 @@ class Report:
 
 @dataclass(frozen=True)
 class _Sample:
-    """The state at a sample."""
-
     tally: _Tally
     missed: Counter[str]
     now: Statistics

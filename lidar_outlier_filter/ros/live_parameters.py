@@ -181,7 +181,6 @@ class NodeAccess:
     """Reads a node at any time, and changes it in the executor's thread only."""
 
     def __init__(self, node: TunableNode) -> None:
-        """Name the node."""
         self._node = node
 
     @property
@@ -286,7 +285,6 @@ def _as_declared(parameters: Iterable[RosParameter]) -> list[RosParameter]:
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Describe a parameter for ROS."""
     descriptor = ParameterDescriptor(
         description=parameter.text + (f' [{parameter.unit}]' if parameter.unit else ''),
         additional_constraints=parameter.range_text,

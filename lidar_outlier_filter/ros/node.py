@@ -199,7 +199,6 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     is_managed = True
 
     def __init__(self, **options: Any) -> None:
-        """Declare the parameters; the options are those of OutlierFilterNode."""
         OutlierFilterNode.__init__(self, **options)
         LifecycleNodeMixin.__init__(self)
         self._change = self._service_change_state.callback

@@ -42,7 +42,6 @@ class Worker:
         health: Health,
         parameters: FilterParameters,
     ) -> None:
-        """Begin with an empty inbox."""
         self.inbox = Inbox(parameters.load)
         self.clock = clock
         self.enabled = True
@@ -294,7 +293,6 @@ class DelayClock:
     """
 
     def __init__(self, node: Node) -> None:
-        """Take the clock of the node."""
         self._node = node
         self._ros = node.get_clock()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -95,7 +95,6 @@ def _load(
 
 
 def _check_fields(one: Any, title: str) -> None:
-    """Refuse a field of a wrong type."""
     for name, (is_right, must_be) in _FIELDS.items():
         value = getattr(one, name)
         if not is_right(value):

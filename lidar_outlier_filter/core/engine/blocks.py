@@ -61,7 +61,6 @@ class Blocks(Generic[AnyCloud]):
     """
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Read blocks, block, halo, lateness, time_jump, max_points and chain."""
         self.chain = Chain(parameters)
         self.resets = 0
         self.inform: Callable[[str], object] = str

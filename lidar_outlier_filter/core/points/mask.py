@@ -264,7 +264,6 @@ class MaskLearner:
         return True
 
     def _grow(self, rings: int) -> None:
-        """Make space for more rings."""
         more = rings - len(self._returns)
         if more > 0:
             wider = ((0, more), (0, 0))

@@ -151,7 +151,6 @@ class LineCounter:
     """Numbers the scan lines of a sensor that does not number them itself."""
 
     def __init__(self) -> None:
-        """Begin before the first line."""
         self._line = 0
         self.reset()
 

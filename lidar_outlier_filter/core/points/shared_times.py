@@ -88,7 +88,6 @@ class TimeSpreader:
     """
 
     def __init__(self, clock: Clock) -> None:
-        """Begin before the first tick."""
         self.clock = clock
         self._time, self._count = -1, 0  # of the tick that may go on
 

@@ -181,7 +181,6 @@ class FacetCounter:
     """
 
     def __init__(self, mirror: Mirror) -> None:
-        """Begin with the facet that time and geometry show."""
         self.mirror = mirror
         self._begins = [mirror.begin - round(mirror.period)]
         self._number = 0  # of the first that is kept

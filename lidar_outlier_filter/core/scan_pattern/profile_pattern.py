@@ -154,7 +154,6 @@ def _overlap(begins: Ints, ends: Ints) -> bool:
 
 
 def _take_lines(xyz: Floats, t: Ints, order: Ints, first: Ints, lines: Ints) -> TimedLines:
-    """Choose lines by number."""
     if len(lines) < len(first) - 1:
         index = np.concatenate([np.arange(first[line], first[line + 1]) for line in lines])
         t, order = t[index], order[index]
