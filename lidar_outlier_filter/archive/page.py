@@ -21,13 +21,14 @@ from lidar_outlier_filter.archive.rows import (
     MIN_COMPARED,
     MIN_OF_CLOUDS,
     MIN_OF_POINTS,
+    OF_FILES,
+    OF_RECORDINGS,
     REJECTED,
     SIGMA,
     ArchiveRow,
     Column,
     compare,
     length,
-    on_page,
     percent,
     share,
     signed,
@@ -224,7 +225,7 @@ def _table(
     rows: Sequence[ArchiveRow], colours: Mapping[str, str], what: str, reports: Collection[str]
 ) -> Iterator[str]:
     highest = max((REJECTED.value(row) for row in rows if row.record.is_done), default=0) or 1
-    columns = on_page(what)
+    columns = OF_RECORDINGS if what == 'recording' else OF_FILES
     if len(rows) > MAX_SHOWN:
         text = f'show all {len(rows):,}, not only the first {MAX_SHOWN:,}'
         yield f'<label class="note"><input type="checkbox" id="all"> {text}</label>'

@@ -179,11 +179,6 @@ OF_RECORDINGS = (
 OF_FILES = (POINTS, REJECTED, UNTESTED)
 
 
-def on_page(what: str) -> Sequence[Column]:
-    """Return the columns of the page."""
-    return OF_RECORDINGS if what == 'recording' else OF_FILES
-
-
 def in_terminal(rows: Sequence[ArchiveRow], what: str) -> list[Column]:
     """Return the columns of a terminal, where files have counts."""
     columns: list[Column] = [*OF_RECORDINGS]

@@ -48,8 +48,7 @@ def add_replay(commands: Commands) -> None:
         metavar='T',
         help='filter this topic only; may be repeated; default: all topics of clouds and scans',
     )
-    add_chain_option(parser)
-    add_parameter_options(parser)
+    add_parameter_options(parser, chain=True)
     add('--drop-input', action='store_true', help='do not copy the input clouds')
     _add_accepted_share(parser, 'the exit status is 4')
     add(
@@ -124,8 +123,7 @@ def add_clean(commands: Commands) -> None:
         help='unit of the coordinates; default: from the LAS or LAZ header, else metres',
     )
     add('--table', metavar='NAME', help='table of a database; default: the only one')
-    add_chain_option(parser)
-    add_parameter_options(parser)
+    add_parameter_options(parser, chain=True)
 
 
 def _add_accepted_share(parser: ArgumentParser, beyond: str) -> None:
@@ -370,8 +368,8 @@ def check_workers(options: Namespace, *, is_archive: bool) -> None:
         raise FilterError('--scheduler', 'for several recordings or files', 'one')
 
 
-def add_parameter_options(parser: ArgumentParser) -> None:
-    """Add --params and --set, which :func:`read_parameters` reads; see :func:`add_chain_option`."""
+def add_parameter_options(parser: ArgumentParser, *, chain: bool = False) -> None:
+    """Add --params, --set and perhaps --chain, which :func:`read_parameters` reads."""
     add = parser.add_argument
     add(
         '--params',
@@ -389,9 +387,5 @@ def add_parameter_options(parser: ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='set one parameter, which overrides the files; may be repeated',
     )
-
-
-def add_chain_option(parser: ArgumentParser) -> None:
-    """Add --chain, which :func:`read_parameters` reads, too."""
-    add = parser.add_argument
-    add('--chain', metavar='D[,D…]', help='detectors, in the order in which they run')
+    if chain:
+        add('--chain', metavar='D[,D…]', help='detectors, in the order in which they run')

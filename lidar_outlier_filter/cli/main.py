@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli import arguments, truth_arguments
+from lidar_outlier_filter.cli.arguments import add_clean, add_info, add_mask, add_replay, add_report
 from lidar_outlier_filter.cli.terminal import (
     INTERRUPTED,
     REFUSED,
@@ -28,6 +28,7 @@ from lidar_outlier_filter.cli.terminal import (
     missing_module,
     say,
 )
+from lidar_outlier_filter.cli.truth_arguments import add_evaluate, add_tune
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.cli.arguments import Commands
 
 # `run_COMMAND` in the module of that name runs it; that of `mask` is in `replay`.
-COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune')
+ADDING = (add_replay, add_clean, add_report, add_info, add_mask, add_evaluate, add_tune)
+COMMANDS = {add.__name__.removeprefix('add_'): add for add in ADDING}
 PROGRAM = 'lidar-outlier-filter'
 COMMAND_GROUP = 'lidar_outlier_filter.commands'  # entry points by which others add commands
 COMPLETING = '_ARGCOMPLETE'  # the environment variable by which a shell asks for completions
@@ -106,8 +108,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     """List the command that is asked for, or all, those of other packages too."""
     names = [name for name in COMMANDS if name in words[:1]]
-    adding = {**vars(arguments), **vars(truth_arguments)}
-    known = [adding[f'add_{name}'] for name in names or COMMANDS]
+    known: list[Callable[[Commands], None]] = [COMMANDS[name] for name in names or COMMANDS]
     if names:
         return known
     found = sorted(entry_points(group=COMMAND_GROUP), key=lambda one: one.name)

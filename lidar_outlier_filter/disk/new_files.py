@@ -184,7 +184,12 @@ def new_files(paths: Sequence[Path], must_be: str = FILE) -> Iterator[list[Path]
             ]
             for one in hidden:
                 (one.parent / NAMES).write_text(json.dumps(pairs), encoding='utf-8')
-        publish_all(hidden, paths)
+        with ExitStack() as undo:  # where one is refused, those before it lose their names
+            for built, path in zip(hidden, paths, strict=True):
+                with writable(path):
+                    publish(built, path)
+                undo.callback(path.rename, built)
+            undo.pop_all()
 
 
 def _finish_killed(path: Path) -> None:
@@ -246,23 +251,6 @@ def check_new(path: Path, must_be: str = FILE, what: str = 'the output') -> None
 
 def _taken(path: Path, must_be: str, what: str = 'the output') -> FilterError:
     return FilterError(what, must_be, f'{path}, which exists; remove it, or name another')
-
-
-def publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
-    """Give all files their names, or none: where one is refused, those before it lose theirs.
-
-    Raises
-    ------
-    FilterError
-        If a name has been taken meanwhile, or the system refuses.
-
-    """
-    with ExitStack() as undo:
-        for built, path in zip(hidden, paths, strict=True):
-            with writable(path):
-                publish(built, path)
-            undo.callback(path.rename, built)
-        undo.pop_all()
 
 
 def publish(built: Path, path: Path) -> None:

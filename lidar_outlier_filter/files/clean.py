@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.detectors.plausible import check_share
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, OUTLIER, REASON, SCORE
-from lidar_outlier_filter.disk.new_files import check_new, new_files, writable
+from lidar_outlier_filter.disk.new_files import new_files, writable
 from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import (
@@ -146,23 +146,8 @@ def clean_file(  # noqa: PLR0913  many callbacks
     inspect : called with the judged file before anything is written
     make : gives the paths that new files are written to
 
-    Returns
-    -------
-    CleanReport
-
-    Raises
-    ------
-    FilterError
-        If the file cannot be read, an output cannot be written, or the options do not fit.
-    ParameterError
-        If a parameter does not fit it.
-
     """
     started = datetime.now(UTC)
-    if make is new_files and not options.dry:
-        for cloud in (output, outliers, log_of(output)):
-            if cloud is not None:
-                check_new(cloud)
     file = open_cloud(path, options.table)
     clouds = list_clouds(file, output, outliers, options)
     outputs = [] if options.dry else [*clouds, log_of(output)]
@@ -172,7 +157,14 @@ def clean_file(  # noqa: PLR0913  many callbacks
         if inspect is not None:
             inspect(judged)
         if not options.dry:
-            _check_share(judged)
+            check_share(
+                str(path),
+                int(np.count_nonzero(judged.verdict.rejected)),
+                int(np.count_nonzero(~np.isnan(judged.verdict.score))),
+                judged.methods,
+                options.accept_share,
+                helps='; boosted_trees.sensor=survey may judge better, and --dry-run shows where',
+            )
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
             for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
@@ -189,18 +181,6 @@ def clean_file(  # noqa: PLR0913  many callbacks
 def log_of(output: Path) -> Path:
     """Name the log that is written beside an output."""
     return output.with_name(f'{output.name}.json')
-
-
-def _check_share(judged: JudgedFile) -> None:
-    """Refuse a file of which more is rejected than can be outliers, unless options accept that."""
-    check_share(
-        str(judged.file.path),
-        int(np.count_nonzero(judged.verdict.rejected)),
-        int(np.count_nonzero(~np.isnan(judged.verdict.score))),
-        judged.methods,
-        judged.options.accept_share,
-        helps='; boosted_trees.sensor=survey may judge better, and --dry-run shows where',
-    )
 
 
 @contextmanager
@@ -338,7 +318,6 @@ def _report(
 
 
 def _versions() -> dict[str, str]:
-    """List the versions of this package and of the libraries in use."""
     names = [name for name in _LIBRARIES if name.removeprefix('python-neo-') in sys.modules]
     return {
         'lidar_outlier_filter': __version__,
