@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     WINDOW,
 )
 from lidar_outlier_filter.parameters.filter import describe
-from lidar_outlier_filter.parameters.yaml_files import table
+from lidar_outlier_filter.parameters.yaml_files import as_yaml
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -71,6 +71,24 @@ def reasons_table() -> str:
     meaning = MIXED | PROFILE | SECOND_PASS | WINDOW
     rows = [f'| {k} | `{name}` | {meaning[name]} |' for k, name in REASON_NAMES.items()]
     return '\n'.join(['| number | feature | meaning |', '| ---: | --- | --- |', *rows])
+
+
+def table(section: str | None = None) -> str:
+    """Write a table of parameters in Markdown.
+
+    All of them, or those of a section such as ``lof``; '' for those without a section.
+    """
+    lines = ['| parameter | default | allowed | what it does |', '| --- | --- | --- | --- |']
+    for parameter in describe():
+        if section not in {None, parameter.name.rpartition('.')[0]}:
+            continue
+        value = parameter.default
+        shown = ', '.join(value) if isinstance(value, tuple) else as_yaml(value)
+        mark = ' (start)' if parameter.fixed else ''
+        lines.append(
+            f'| `{parameter.name}`{mark} | `{shown}` | {parameter.range_text} | {parameter.text} |'
+        )
+    return '\n'.join(lines) + '\n'
 
 
 def inserted() -> dict[str, str]:

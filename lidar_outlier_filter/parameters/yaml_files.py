@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as text: ROS parameter YAML, read and written, and the tables of the documentation."""
+"""Parameters as text: ROS parameter YAML, read and written."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -182,21 +182,3 @@ def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str
         lines.append(f'ros2 param set /{NODE_NAME} {name} {as_yaml(value)}')
         del left[name]
     return lines
-
-
-def table(section: str | None = None) -> str:
-    """Write a table of parameters for the documentation, in Markdown.
-
-    All of them, or those of a section such as ``lof``; '' for those without a section.
-    """
-    lines = ['| parameter | default | allowed | what it does |', '| --- | --- | --- | --- |']
-    for parameter in describe():
-        if section not in {None, parameter.name.rpartition('.')[0]}:
-            continue
-        value = parameter.default
-        shown = ', '.join(value) if isinstance(value, tuple) else as_yaml(value)
-        mark = ' (start)' if parameter.fixed else ''
-        lines.append(
-            f'| `{parameter.name}`{mark} | `{shown}` | {parameter.range_text} | {parameter.text} |'
-        )
-    return '\n'.join(lines) + '\n'
