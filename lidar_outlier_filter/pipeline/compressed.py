@@ -77,27 +77,17 @@ def decompressed(received: bytes) -> bytes:
     if order is None:
         raise CloudError('a compressed cloud', 'in plain CDR', received[:2].hex() or 'no bytes')
     found = layout(received, order)
-    size = _bytes_of(found)
-    decompress = FORMATS[_format(received, found.end)]
-    points = decompress(memoryview(received)[found.begin : found.end], size)
-    head = received[: found.begin - 4] + struct.pack(order + 'I', size)
-    return b''.join((head, points, received[found.end : found.end + 1]))
-
-
-def _bytes_of(found: Layout) -> int:
     size = found.height * found.row_step
     if size > MAX_CLOUD_BYTES:
         must_be = f'of at most {MAX_CLOUD_BYTES} bytes'
         raise CloudError('the points of a compressed cloud', must_be, size)
-    return size
-
-
-def _format(received: bytes, end: int) -> str:
-    name = received[_aligned(end + 1) + 4 :].rstrip(b'\x00').decode(errors='replace')
+    name = received[_aligned(found.end + 1) + 4 :].rstrip(b'\x00').decode(errors='replace')
     if name not in FORMATS:
         must_be = ' or '.join(map(repr, FORMATS))
         raise CloudError('the format of a compressed cloud', must_be, repr(name))
-    return name
+    points = FORMATS[name](memoryview(received)[found.begin : found.end], size)
+    head = received[: found.begin - 4] + struct.pack(order + 'I', size)
+    return b''.join((head, points, received[found.end : found.end + 1]))
 
 
 def _from_zlib(data: memoryview, size: int) -> bytes:

@@ -45,7 +45,7 @@ class Tf:
         self.listeners = {(DYNAMIC, TRANSFORMS): self.take, (STATIC, TRANSFORMS): self.take_static}
         self._fixed = _name(parameters.motion.fixed_frame)
         self._max_gap, self._jump = parameters.motion.max_gap, parameters.time_jump
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._parents: dict[str, str] = {}  # by child
         self._links: dict[str, SensorExtrinsics | Track] = {}  # poses in the parent, by child
 
@@ -99,12 +99,9 @@ class Tf:
     def reset(self) -> None:
         """Forget all transforms but static ones, and those of a clock that was set back before."""
         with self._lock:
-            self._reset()
-
-    def _reset(self) -> None:
-        for link in self._links.values():
-            if isinstance(link, Track):
-                link.reset()
+            for link in self._links.values():
+                if isinstance(link, Track):
+                    link.reset()
 
     def _add(self, transform: Any) -> None:
         child = self._attach(transform)
@@ -116,7 +113,7 @@ class Tf:
         stamp = transform.header.stamp
         try:
             if link.add(stamp.sec * SECOND + stamp.nanosec, _pose(transform)):
-                self._reset()
+                self.reset()
         except PoseError as err:
             # The last transform is often repeated.
             if err.what != 'the time of a pose':
