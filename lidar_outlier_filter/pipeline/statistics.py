@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections import Counter
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -76,11 +75,6 @@ class Statistics:
     def refused(self) -> int:
         """Count the clouds refused, whatever the reason."""
         return sum(self.refusals.values())
-
-    def copy(self) -> Statistics:
-        """Copy the counts."""
-        values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
-        return Statistics(**values)
 
     def count_bypassed(self, points: int, reason: str) -> None:
         """Add a cloud that was not filtered."""

@@ -67,7 +67,11 @@ class Inbox:
                 return 1
             self._add(item)
             while self.clouds > 1 and self.fill > 1:
-                dropped += self._drop_oldest()
+                # Commands stay.
+                oldest = next(item for item in self._items if isinstance(item, Received))
+                self._items.remove(oldest)
+                self._count(oldest, -1)
+                dropped += 1
             self._changed.notify()
         return dropped
 
@@ -142,8 +146,7 @@ class Inbox:
             item = self._items.popleft()
             self._is_clouds_turn = False
             if isinstance(item, Received):
-                self.clouds -= 1
-                self.size -= len(item.data)
+                self._count(item, -1)
             return item
 
     def received_now(self, now: int) -> None:
@@ -159,16 +162,11 @@ class Inbox:
 
     def _add(self, item: Received) -> None:
         self._items.append(item)
-        self.clouds += 1
-        self.size += len(item.data)
+        self._count(item, 1)
 
-    def _drop_oldest(self) -> int:
-        """Drop the oldest cloud; commands stay."""
-        oldest = next(item for item in self._items if isinstance(item, Received))
-        self._items.remove(oldest)
-        self.clouds -= 1
-        self.size -= len(oldest.data)
-        return 1
+    def _count(self, item: Received, sign: int) -> None:
+        self.clouds += sign
+        self.size += sign * len(item.data)
 
 
 class Treatment(Enum):

@@ -24,9 +24,8 @@ from lidar_outlier_filter.pipeline.compressed import FORMATS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.ros.backlog import Received, Treatment
-from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type
+from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, input_type, make_motion
 from lidar_outlier_filter.ros.health import DROPPED, LOST, Backlog, Health, Report
-from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import DelayClock, Worker
 
 Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message

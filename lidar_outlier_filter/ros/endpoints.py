@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of one topic's clouds, and reading of serialised clouds and scans.
+"""Publishers of one topic's clouds, reading of serialised clouds and scans, and poses by tf.
 
 rclpy copies the points three times under the GIL. So it reads the other fields only; the points
 are a view of the received bytes.
@@ -21,9 +21,12 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import LaserScan, MultiEchoLaserScan, PointCloud2
 from std_msgs.msg import String
 
-from lidar_outlier_filter.errors import CloudError, quote_error
+from lidar_outlier_filter.errors import CloudError, ParameterError, quote_error
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
+from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+from lidar_outlier_filter.pipeline.tf import DYNAMIC, STATIC, Tf, pose_source
 from lidar_outlier_filter.pipeline.topics import (
     CLOUD,
     COMPRESSED,
@@ -36,6 +39,7 @@ from lidar_outlier_filter.pipeline.topics import (
 INPUT, OUTPUTS = '~/input', ('~/output', '~/outliers')
 SCANS = {SCAN: LaserScan, MULTI_ECHO: MultiEchoLaserScan}
 OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
+TF_DEPTH = 100  # messages, as tf2's own listener keeps
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
 
 
@@ -107,6 +111,21 @@ def remapped(node: Node, name: str) -> str:
     """Return the topic that replaces ``name`` by a rule; '' without a rule."""
     new = str(node.resolve_topic_name(name))
     return new if new != node.resolve_topic_name(name, only_expand=True) else ''
+
+
+def make_motion(node: Node, parameters: FilterParameters) -> PoseSource | None:
+    """Make the pose source that ``motion.source`` names; None for 'none'. One by tf listens."""
+    made = pose_source(parameters)
+    if isinstance(made, Tf):
+        try:
+            kind = importlib.import_module('tf2_msgs.msg').TFMessage
+        except ImportError as err:
+            must_be = "'none' or 'odometry' where tf2_msgs is not installed"
+            raise ParameterError('motion.source', must_be, "'tf'") from err
+        latched = QoSProfile(depth=TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(kind, DYNAMIC, made.take, TF_DEPTH)
+        node.create_subscription(kind, STATIC, made.take_static, latched)
+    return made
 
 
 class InputType(NamedTuple):

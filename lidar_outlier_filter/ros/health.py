@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -126,7 +127,7 @@ class Health:
 
     def counted(self, counts: Statistics) -> None:
         """Take a copy of the counts since the start."""
-        counts = counts.copy()
+        counts = deepcopy(counts)
         with self._lock:
             self._counts = counts
 
