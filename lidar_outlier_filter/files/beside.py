@@ -4,7 +4,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,7 @@ def judge_with_buffer(
     if field is not None:  # that of the points beside it is not read
         field = np.append(field, np.full(len(beside), np.nan))
     found = judge(Points(xyz, zeros, zeros, valid, field=field))
-    verdict = Verdict(*(getattr(found, one.name)[: len(own)] for one in fields(Verdict)))
+    verdict = found.take(slice(len(own)))
     note = f'judged beside {len(beside)} points of {len(names)} other files'
     return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
 

@@ -4,7 +4,8 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -167,9 +168,14 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         judge = partial(
             judge_whole, parameters=how, chain=chain, slow=slow, tile=tile, allocate=allocate
         )
-        loaded, everything = _judge_points(
-            file, axes, replace(loaded, points=cloud), judge, options, progress
-        )
+        loaded = replace(loaded, points=cloud)
+        if options.strips:
+            everything = _judge_strips(loaded, judge, progress)
+        elif options.buffer:
+            seen = options.buffer, options.ignore
+            loaded, everything = judge_with_buffer(file, axes, loaded, judge, seen)
+        else:
+            everything = judge(cloud)
         verdict = everything
         if codes is not None and (options.only or options.keep):
             verdict = spare(everything, untouched(codes, options.only, options.keep))
@@ -195,22 +201,6 @@ def judge_file(  # noqa: PLR0913  options and callbacks
         seconds=seconds,
         methods=tuple(chain.methods),
     )
-
-
-def _judge_points(  # noqa: PLR0913  what, and how
-    file: CloudFile,
-    axes: Mapping[str, float],
-    loaded: Loaded,
-    judge: Callable[[Points], Verdict],
-    options: CleanOptions,
-    progress: Progress,
-) -> tuple[Loaded, Verdict]:
-    """Judge strip by strip, with the points beside a tile, or all at once."""
-    if options.strips:
-        return loaded, _judge_strips(loaded, judge, progress)
-    if options.buffer:
-        return judge_with_buffer(file, axes, loaded, judge, (options.buffer, options.ignore))
-    return loaded, judge(loaded.points)
 
 
 def _judge_strips(
@@ -295,7 +285,7 @@ def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools
 
 def spare(verdict: Verdict, kept: Bools) -> Verdict:
     """Return a verdict without rejections of the ``kept`` points: they count as untested."""
-    spared = Verdict(*(getattr(verdict, field.name).copy() for field in fields(Verdict)))
+    spared = deepcopy(verdict)
     where = np.flatnonzero(kept & verdict.rejected)
     spared.put(where, Verdict.untested(len(where)))
     return spared

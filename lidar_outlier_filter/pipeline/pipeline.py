@@ -275,18 +275,17 @@ class Pipeline:
         view = self._decoder.view(msg)
         return no_return(0 if view is None else view.size)
 
-    def _enter(self, cloud: _PendingCloud) -> _PendingCloud:
+    def _enter(self, cloud: _PendingCloud) -> None:
         """Let a cloud wait for its poses."""
         self._blocks.refuse_span(cloud)
         if self._blocks.is_set_back(cloud, self._queue.newest):
-            self._blocks.refuse_too_large(cloud)
+            self._blocks.refuse_more_than_fit(cloud.count)
             self._blocks.resets += 1
             self._end_stream()
         self._queue.newest = max(self._queue.newest, cloud.last)
         self._judge(self._queue.ready())
         self._blocks.make_room(cloud, self._queue.points + self._lines.points)
         self._queue.append(cloud)
-        return cloud
 
     def _judge(self, clouds: Iterable[_PendingCloud], entered: _PendingCloud | None = None) -> None:
         """Judge the blocks that clouds complete; raise the refusal of one that has just entered."""

@@ -102,11 +102,14 @@ class Blocks(Generic[AnyCloud]):
         is_reset = self.is_set_back(cloud, self._newest)
         self.refuse_span(cloud)
         if is_reset:
-            self.refuse_too_large(cloud)
+            self.refuse_more_than_fit(cloud.count)
             self.resets += 1
             finished = self.flush()
         else:
-            self._refuse_late(cloud)
+            if cloud.first < self._closed and not self.by_message:
+                late = (self._closed - cloud.first) / SECOND
+                got = f'a point {late:.6f} s older than that'
+                raise CloudError('the time of a cloud', 'at or after what is judged already', got)
             self.make_room(cloud)
             finished = []
         if self._becomes_message(cloud):
@@ -151,9 +154,11 @@ class Blocks(Generic[AnyCloud]):
             got = f'{(cloud.last - cloud.first) / SECOND:g} s'
             raise CloudError('the time that a cloud spans', f'at most {limit / SECOND:g} s', got)
 
-    def refuse_too_large(self, cloud: StreamCloud) -> None:
-        """Refuse a cloud that has more than ``max_points`` by itself."""
-        _refuse_more_than(self._max_points, cloud.count)
+    def refuse_more_than_fit(self, total: int) -> None:
+        """Refuse a cloud that would exceed the limit of points in memory."""
+        if total > self._max_points:
+            must_be = f'at most max_points = {self._max_points}'
+            raise CloudError('the number of points held', must_be, total)
 
     def make_room(self, cloud: StreamCloud, waiting: int = 0) -> None:
         """Refuse a cloud that does not fit beside ``waiting`` other points.
@@ -163,7 +168,7 @@ class Blocks(Generic[AnyCloud]):
         """
         if waiting == 0 and self._points_with(cloud) > self._max_points:
             self._advance_time(cloud)
-        _refuse_more_than(self._max_points, self._points_with(cloud) + waiting)
+        self.refuse_more_than_fit(self._points_with(cloud) + waiting)
 
     def _points_with(self, cloud: StreamCloud) -> int:
         """Count the points that would be held with a cloud."""
@@ -183,12 +188,6 @@ class Blocks(Generic[AnyCloud]):
             self._judged, self._closed = end, end + self._halo
             self._forget()
         self._finished = self.take_finished()
-
-    def _refuse_late(self, cloud: StreamCloud) -> None:
-        if cloud.first < self._closed and not self.by_message:
-            late = (self._closed - cloud.first) / SECOND
-            got = f'a point {late:.6f} s older than that'
-            raise CloudError('the time of a cloud', 'at or after what is judged already', got)
 
     def _becomes_message(self, cloud: StreamCloud) -> bool:
         """Decide ``blocks: auto``; return whether each message is a block from this one on."""
@@ -303,9 +302,3 @@ class Blocks(Generic[AnyCloud]):
             needed = self._judged - self._judged % self._block - self._halo
         self._seen = deque(cloud for cloud in self._seen if cloud.last >= needed)
         self._seen_points = sum(len(cloud.points) for cloud in self._seen)
-
-
-def _refuse_more_than(limit: int, total: int) -> None:
-    """Refuse a cloud that would exceed the limit of points in memory."""
-    if total > limit:
-        raise CloudError('the number of points held', f'at most max_points = {limit}', total)

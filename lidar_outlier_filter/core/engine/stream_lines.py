@@ -53,9 +53,10 @@ class StreamLines(Generic[AnyCloud]):
         self._say = say
         self.held: list[AnyCloud] = []
         self.points = 0
-        self._forget()
+        self.reset()
 
-    def _forget(self) -> None:
+    def reset(self) -> None:
+        """Decide anew: the clock was set back, or the stream ended. Nothing waits."""
         self.decision: Decision | None = None
         self._claim: Claim | None = None
         self._numbers = LineNumbers(GIVEN)
@@ -71,7 +72,7 @@ class StreamLines(Generic[AnyCloud]):
         if len(cloud.points):
             if claim != self._claim or self._is_interrupted(cloud):
                 released = self.release()
-                self._forget()
+                self.reset()
                 self._claim = claim
             if claim is None:
                 self.decision = GIVEN
@@ -100,10 +101,6 @@ class StreamLines(Generic[AnyCloud]):
         if self.held and self.decision is None and self._claim is not None:
             self._decide()
         return self._release()
-
-    def reset(self) -> None:
-        """Decide anew: the clock was set back, or the stream ended. Nothing waits."""
-        self._forget()
 
     def _is_known(self) -> bool:
         """Return whether the lines are known now, having decided if there is enough."""
