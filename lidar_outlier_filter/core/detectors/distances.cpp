@@ -8,7 +8,7 @@
 //
 // Naive twins: test/naive/sor.py, test/naive/lof.py.
 
-#include "distances.hpp"
+#include "detectors.hpp"
 
 #include <algorithm>
 #include <cmath>

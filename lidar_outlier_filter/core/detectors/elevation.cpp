@@ -3,7 +3,7 @@
 //
 // Differences of elevations, see elevation.py. Naive twin: test/naive/elevation.py.
 
-#include "elevation.hpp"
+#include "detectors.hpp"
 
 namespace lidar {
 

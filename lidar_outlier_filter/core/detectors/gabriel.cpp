@@ -3,7 +3,7 @@
 //
 // The Gabriel graph, see hierarchical.py. Naive twin: test/naive/hierarchical.py.
 
-#include "gabriel.hpp"
+#include "detectors.hpp"
 
 #include <cmath>
 

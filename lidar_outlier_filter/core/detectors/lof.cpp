@@ -10,7 +10,7 @@
 
 #include <algorithm>
 
-#include "distances.hpp"
+#include "detectors.hpp"
 
 namespace lidar {
 

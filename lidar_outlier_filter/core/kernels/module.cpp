@@ -17,17 +17,13 @@
 #include "../detectors/alpha_beta_gamma/alpha_beta_gamma.hpp"
 #include "../detectors/boosted_trees/neighbour_trees.hpp"
 #include "../detectors/boosted_trees/pattern_trees.hpp"
-#include "../detectors/distances.hpp"
-#include "../detectors/elevation.hpp"
-#include "../detectors/gabriel.hpp"
+#include "../detectors/detectors.hpp"
 #include "../detectors/quadric/quadric.hpp"
 #include "../neighbours/floor.hpp"
 #include "../neighbours/neighbours.hpp"
-#include "../neighbours/search.hpp"
 #include "../neighbours/tree.hpp"
 #include "../neighbours/tree_build.hpp"
 #include "../neighbours/tree_caster.hpp"
-#include "../neighbours/tree_walks.hpp"
 #include "../points/points.hpp"
 #include "../scan_pattern/pattern.hpp"
 #include "../scan_pattern/scan_pattern.hpp"
@@ -103,9 +99,12 @@ void set_level(const std::string& name) {
     throw std::invalid_argument("this processor has no level " + name);
 }
 
-// core/kernels ---------------------------------------------------------------------------------
+}  // namespace
 
-void bind_kernels(py::module_& m) {
+PYBIND11_MODULE(_kernels, m) {
+    m.doc() = "Loops over points, compiled: see the .cpp files beside the Python of each room.";
+
+    // core/kernels
     m.def("levels", &levels);
     m.def("set_level", &set_level);
     m.attr("LANES") = base::LANES;
@@ -116,11 +115,8 @@ void bind_kernels(py::module_& m) {
             return base::median(values.data, count);
         },
         WithoutGil());
-}
 
-// core/neighbours -----------------------------------------------------------------------------
-
-void bind_neighbours(py::module_& m) {
+    // core/neighbours
     m.def("numbers", &numbers, WithoutGil());
     m.attr("LEAF") = base::LEAF;
     m.attr("FLOOR_WIDER") = base::WIDER;
@@ -139,11 +135,8 @@ void bind_neighbours(py::module_& m) {
     m.def("write_floor", &write_floor, WithoutGil());
     m.def("count_low", &count_low, WithoutGil());
     m.def("tree_leaves", &tree_leaves, WithoutGil());
-}
 
-// core/points, core/verdict -------------------------------------------------------------------
-
-void bind_points(py::module_& m) {
+    // core/points, core/verdict
     m.def("mark_returns", &mark_returns, WithoutGil());
     m.def("sort_by_line", &sort_by_line, WithoutGil());
     m.def("link_lines", &link_lines, WithoutGil());
@@ -152,11 +145,8 @@ void bind_points(py::module_& m) {
     m.def("find_columns", &find_columns, WithoutGil());
     m.def("move_points", &move_points, WithoutGil());
     m.def("add_scores", &add_scores, WithoutGil());
-}
 
-// core/scan_pattern ---------------------------------------------------------------------------
-
-void bind_scan_pattern(py::module_& m) {
+    // core/scan_pattern
     m.attr("SAME_SHOT") = base::SAME_SHOT;
     m.attr("UNKNOWN_BRIGHTNESS") = base::UNKNOWN;
     m.attr("TURNING_LAG") = base::LAG;
@@ -178,11 +168,8 @@ void bind_scan_pattern(py::module_& m) {
     m.def("find_peaks", &find_peaks, WithoutGil());
     m.def("fit_lines", AT_LEVEL(fit_lines), WithoutGil());
     m.def("off_plane", AT_LEVEL(off_plane), WithoutGil());
-}
 
-// core/detectors: SOR, LOF, elevation, Gabriel graph ------------------------------------------
-
-void bind_detectors(py::module_& m) {
+    // core/detectors: SOR, LOF, elevation, Gabriel graph
     m.def("average_distances", &average_distances, WithoutGil());
     m.def("write_densities", &write_densities, WithoutGil());
     m.def("write_density_ratios", &write_density_ratios, WithoutGil());
@@ -191,11 +178,8 @@ void bind_detectors(py::module_& m) {
     m.def("elevation_differences_of_lists", &elevation_differences_of_lists, WithoutGil());
     m.def("gabriel_edges", &gabriel_edges, WithoutGil());
     m.def("edge_lengths", &edge_lengths, WithoutGil());
-}
 
-// core/detectors/alpha_beta_gamma -------------------------------------------------------------
-
-void bind_alpha_beta_gamma(py::module_& m) {
+    // core/detectors/alpha_beta_gamma
     m.def("predict_in_tiles", AT_LEVEL(predict_in_tiles), WithoutGil());
     m.def("predict_one_by_one", AT_LEVEL(predict_one_by_one), WithoutGil());
     m.def("find_near_ends", &find_near_ends, WithoutGil());
@@ -203,30 +187,21 @@ void bind_alpha_beta_gamma(py::module_& m) {
     m.def("score_windows", &score_windows, WithoutGil());
     m.def("find_worst", &find_worst, WithoutGil());
     m.def("unlink_points", &unlink_points, WithoutGil());
-}
 
-// core/detectors/quadric ----------------------------------------------------------------------
-
-void bind_quadric(py::module_& m) {
+    // core/detectors/quadric
     m.attr("SURFACE_POINTS") = MIN_POINTS;
     m.def("sort_leaves", &sort_leaves, WithoutGil());
     m.def("share_scores", &share_scores, WithoutGil());
     m.def("find_cores", &find_cores, WithoutGil());
     m.def("judge_sections", AT_LEVEL(judge_sections), WithoutGil());
     m.def("judge_patches", AT_LEVEL(judge_patches), WithoutGil());
-}
 
-// core/detectors/boosted_trees: neighbours ----------------------------------------------------
-
-void bind_neighbour_trees(py::module_& m) {
+    // core/detectors/boosted_trees: neighbours
     m.def("write_large_components", AT_LEVEL(write_large_components), WithoutGil());
     m.def("judge_near", AT_LEVEL(judge_near), WithoutGil());
     m.def("judge_far", AT_LEVEL(judge_far), WithoutGil());
-}
 
-// core/detectors/boosted_trees: scan patterns -------------------------------------------------
-
-void bind_pattern_trees(py::module_& m) {
+    // core/detectors/boosted_trees: scan patterns
     m.def("add_trees", AT_LEVEL(add_trees), WithoutGil());
     m.def("add_contributions", AT_LEVEL(add_contributions), WithoutGil());
     m.def("write_roughness", AT_LEVEL(write_roughness), WithoutGil());
@@ -239,21 +214,6 @@ void bind_pattern_trees(py::module_& m) {
     m.def("judge_pattern", AT_LEVEL(judge_pattern), WithoutGil());
     m.def("count_scores", &count_scores, WithoutGil());
     m.def("scale_odds", &scale_odds, WithoutGil());
-}
-
-}  // namespace
-
-PYBIND11_MODULE(_kernels, m) {
-    m.doc() = "Loops over points, compiled: see the .cpp files beside the Python of each room.";
-    bind_kernels(m);
-    bind_neighbours(m);
-    bind_points(m);
-    bind_scan_pattern(m);
-    bind_detectors(m);
-    bind_alpha_beta_gamma(m);
-    bind_quadric(m);
-    bind_neighbour_trees(m);
-    bind_pattern_trees(m);
 }
 
 }  // namespace lidar

@@ -34,50 +34,19 @@ typedef std::int32_t Counts __attribute__((vector_size(WIDTH * 4)));  // and mas
 typedef double Doubles __attribute__((vector_size(WIDTH * 4)));
 typedef std::int64_t Wides __attribute__((vector_size(WIDTH * 4)));  // masks of doubles: 0 or -1
 
-[[gnu::always_inline]] inline Singles load(const float* from) {
-    Singles result;
-    std::memcpy(&result, from, sizeof result);
-    return result;
-}
-[[gnu::always_inline]] inline Counts load(const std::int32_t* from) {
-    Counts result;
-    std::memcpy(&result, from, sizeof result);
-    return result;
-}
-[[gnu::always_inline]] inline void store(float* to, Singles values) {
-    std::memcpy(to, &values, sizeof values);
-}
-[[gnu::always_inline]] inline void store(std::int32_t* to, Counts values) {
-    std::memcpy(to, &values, sizeof values);
-}
-[[gnu::always_inline]] inline Singles repeat(float value) {
-    return Singles{} + value;
-}
-[[gnu::always_inline]] inline Singles choose(Counts mask, Singles one, Singles other) {
-    return mask ? one : other;
-}
-[[gnu::always_inline]] inline Singles least(Singles one, Singles other) {  // as min() of Python
-    return other < one ? other : one;
-}
-[[gnu::always_inline]] inline Singles most(Singles one, Singles other) {  // as max() of Python
-    return other > one ? other : one;
-}
-[[gnu::always_inline]] inline Singles size_of(Singles values) {  // without the sign
-    return reinterpret_cast<Singles>(reinterpret_cast<Counts>(values) & 0x7FFFFFFF);
-}
-[[gnu::always_inline]] inline Singles root(Singles values) {
-    for (int i = 0; i < WIDTH; ++i) {
-        values[i] = std::sqrt(values[i]);
-    }
-    return values;
-}
+template <typename Number>
+struct Vector {
+    typedef Number type __attribute__((vector_size(WIDTH * 4)));
+};
 
-[[gnu::always_inline]] inline Doubles load(const double* from) {
-    Doubles result;
+template <typename Number>
+[[gnu::always_inline]] inline typename Vector<Number>::type load(const Number* from) {
+    typename Vector<Number>::type result;
     std::memcpy(&result, from, sizeof result);
     return result;
 }
-[[gnu::always_inline]] inline void store(double* to, Doubles values) {
+template <typename Number>
+[[gnu::always_inline]] inline void store(Number* to, typename Vector<Number>::type values) {
     std::memcpy(to, &values, sizeof values);
 }
 [[gnu::always_inline]] inline void store(float* to, Doubles values) {  // rounded
@@ -85,26 +54,34 @@ typedef std::int64_t Wides __attribute__((vector_size(WIDTH * 4)));  // masks of
     const Halves rounded = __builtin_convertvector(values, Halves);
     std::memcpy(to, &rounded, sizeof rounded);
 }
-[[gnu::always_inline]] inline Doubles repeat(double value) {
-    return Doubles{} + value;
+template <typename Number>
+[[gnu::always_inline]] inline typename Vector<Number>::type repeat(Number value) {
+    return typename Vector<Number>::type{} + value;
 }
-[[gnu::always_inline]] inline Doubles choose(Wides mask, Doubles one, Doubles other) {
+template <typename Mask, typename Values>
+[[gnu::always_inline]] inline Values choose(Mask mask, Values one, Values other) {
     return mask ? one : other;
 }
-[[gnu::always_inline]] inline Doubles least(Doubles one, Doubles other) {
+template <typename Values>
+[[gnu::always_inline]] inline Values least(Values one, Values other) {  // as min() of Python
     return other < one ? other : one;
 }
-[[gnu::always_inline]] inline Doubles most(Doubles one, Doubles other) {
+template <typename Values>
+[[gnu::always_inline]] inline Values most(Values one, Values other) {  // as max() of Python
     return other > one ? other : one;
 }
-[[gnu::always_inline]] inline Doubles size_of(Doubles values) {
-    return reinterpret_cast<Doubles>(reinterpret_cast<Wides>(values) & 0x7FFFFFFFFFFFFFFF);
-}
-[[gnu::always_inline]] inline Doubles root(Doubles values) {
-    for (int i = 0; i < DOUBLES; ++i) {
+template <typename Values>
+[[gnu::always_inline]] inline Values root(Values values) {
+    for (std::size_t i = 0; i < sizeof values / sizeof values[0]; ++i) {
         values[i] = std::sqrt(values[i]);
     }
     return values;
+}
+[[gnu::always_inline]] inline Singles size_of(Singles values) {  // without the sign
+    return reinterpret_cast<Singles>(reinterpret_cast<Counts>(values) & 0x7FFFFFFF);
+}
+[[gnu::always_inline]] inline Doubles size_of(Doubles values) {
+    return reinterpret_cast<Doubles>(reinterpret_cast<Wides>(values) & 0x7FFFFFFFFFFFFFFF);
 }
 
 [[gnu::always_inline]] inline Singles single(Counts counts) {

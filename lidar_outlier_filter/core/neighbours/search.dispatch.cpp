@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// The k nearest neighbours, see search.hpp. Naive twin: test/naive/neighbours.py.
+// The k nearest neighbours, see neighbours.hpp. Naive twin: test/naive/neighbours.py.
 //
 // The points of a leaf are near each other, so they are searched together: all points within a
 // guessed reach of the leaf's box are copied side by side, and each of its points takes the k
@@ -11,7 +11,7 @@
 //
 // Distances are squared everywhere.
 
-#include "search.hpp"
+#include "neighbours.hpp"
 
 #include "nearest.hpp"
 

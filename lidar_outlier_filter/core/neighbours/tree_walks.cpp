@@ -1,9 +1,9 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 //
-// See tree_walks.hpp. Distances are squared everywhere, m².
+// See neighbours.hpp. Distances are squared everywhere, m².
 
-#include "tree_walks.hpp"
+#include "neighbours.hpp"
 
 namespace lidar {
 

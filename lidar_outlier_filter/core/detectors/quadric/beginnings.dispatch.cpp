@@ -8,9 +8,9 @@
 #include <cmath>
 #include <limits>
 
+#include "../../kernels/vectors.hpp"
 #include "fits.hpp"
 #include "ranks.hpp"
-#include "runs.hpp"
 #include "surfaces.hpp"
 
 namespace lidar {

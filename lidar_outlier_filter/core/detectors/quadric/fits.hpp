@@ -39,5 +39,11 @@ void measure_distances(Window& window);
 template <int SIZE>
 bool adjust(Window& window);
 
+inline constexpr Index RUN = 16;  // points that follow each other in the window: a plane of its own
+
+// Fits planes to up to DOUBLES runs of `left` points, the first of them at `begin`: each to its
+// half that agrees best with a plane through the whole run.
+void fit_runs(const Coordinates& points, Index begin, Index left, Plane* planes);
+
 }  // namespace LEVEL
 }  // namespace lidar

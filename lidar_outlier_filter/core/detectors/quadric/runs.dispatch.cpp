@@ -4,12 +4,11 @@
 // Planes through runs of points, a run in each element of a register. Plain form: fit_plane() and
 // eigen() for one run after the other.
 
-#include "runs.hpp"
-
 #include <algorithm>
 #include <limits>
 
 #include "../../kernels/eigen.hpp"
+#include "../../kernels/vectors.hpp"
 #include "fits.hpp"
 
 namespace lidar {
