@@ -22,6 +22,7 @@ from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.declaration import MASK
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.cloud_topic import MessageTimes
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud, RecordedClouds
@@ -67,7 +68,7 @@ class SourceFacts:
 
     Attributes
     ----------
-    clouds, points, invalid : clouds taken, their points, and missing returns
+    clouds, invalid : clouds taken, and their missing returns
     masked : points on the own vehicle, which are not drawn
     refusals : refused clouds by what was wrong with them
     sentences : the first message for each of these
@@ -84,7 +85,6 @@ class SourceFacts:
     """
 
     clouds: int = 0
-    points: int = 0
     invalid: int = 0
     masked: int = 0
     refusals: dict[str, int] = field(default_factory=dict)
@@ -98,15 +98,6 @@ class SourceFacts:
     path: list[tuple[float, float, float]] = field(default_factory=list)
     units: tuple[float, float, float] = (1.0, 1.0, 1.0)
     unit: str = 'm'
-
-    def note(self, cloud: StreamCloud) -> None:
-        """Count a cloud."""
-        self.clouds += 1
-        self.points += cloud.count
-        self.invalid += cloud.absent
-        self.masked += 0 if cloud.vehicle is None else len(cloud.vehicle)
-        if len(cloud.points):
-            self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
     def period_and_gaps(self) -> tuple[float, list[tuple[float, float]]]:
         """Return the usual time from cloud to cloud, s, and begin and length of gaps.
@@ -151,7 +142,9 @@ class RecordedSource:
             streams[-1].chain = chain
         found = SourceFacts(moved=self.found.moved)
         for taken in self._clouds:
-            found.note(taken.cloud)
+            if len(taken.cloud.points):
+                first = found.span[0] if found.span else taken.cloud.first
+                found.span = first, taken.cloud.last
             if taken.eye is not None and len(taken.eye):
                 found.path.append(tuple(taken.eye[0, 0].tolist()))
             for number, stream in enumerate(streams):
@@ -161,6 +154,8 @@ class RecordedSource:
             for cloud in stream.flush():
                 yield number, cloud
         pipeline, report = self._clouds.read.pipeline, self._clouds.read.report()
+        found.clouds, found.invalid = report.messages - report.refused, report.invalid
+        found.masked = report.rejected_by.get(MASK, 0)
         found.refusals, found.sentences = dict(report.refusals), dict(report.sentences)
         found.without_pose, found.convention = pipeline.statistics.without_pose, pipeline.convention
         found.topic, found.times = self._clouds.topic, self._clouds.times
@@ -224,7 +219,7 @@ class FileSource:
         how += f'; coordinate system {file.crs}' if file.crs else ''
         x, y, z = [*(file.metres.get(name, 1.0) for name in names), 1.0][:3]
         unit = _unit_name(x) if x == z else f'{_unit_name(x)}, z in {_unit_name(z)}'
-        self.found = SourceFacts(1, len(file), convention=how, units=(x, y, z), unit=unit)
+        self.found = SourceFacts(1, convention=how, units=(x, y, z), unit=unit)
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
         """Judge all points by each of the chains."""
