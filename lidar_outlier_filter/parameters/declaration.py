@@ -79,7 +79,10 @@ class Parameter:
 
     def _check_text(self, value: object) -> None:
         """Refuse what ROS can neither hold nor send: its texts are UTF-8, and end at a NUL."""
-        if isinstance(value, str) and not _is_text(value):
+        # JSON may name half a pair of UTF-16.
+        if isinstance(value, str) and any(
+            one == '\0' or '\ud800' <= one <= '\udfff' for one in value
+        ):
             raise ParameterError(self.name, 'a Unicode string without NUL', shown(value))
 
     def _check_range(self, value: Any) -> None:
@@ -106,11 +109,6 @@ class Parameter:
 
     def _is_choice(self, text: str) -> bool:
         return text in self.choices if self.choices else bool(text)
-
-
-def _is_text(text: str) -> bool:
-    """Return whether a string is valid Unicode, without half a pair of UTF-16 as JSON may name."""
-    return '\0' not in text and not any('\ud800' <= one <= '\udfff' for one in text)
 
 
 def shown(value: object) -> str:

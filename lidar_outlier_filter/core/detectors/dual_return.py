@@ -10,7 +10,7 @@ do not carry the number of their return: returns in the same direction are of on
 
 import numpy as np
 
-from lidar_outlier_filter.core.annotations import Bools, Floats, Ints
+from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.builtin import DualReturn
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.ring_neighbours import are_near, following, jumps
@@ -64,7 +64,10 @@ def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
 
     """
     xyz, reach = points.in_own_frame.xyz, points.range
-    begins = np.append(True, ~_are_of_one_shot(xyz, reach))
+    both, along = reach[1:] * reach[:-1], np.einsum('ij,ij->i', xyz[1:], xyz[:-1])
+    across = both * both - along * along
+    # Points in the direction of those before them are of one shot.
+    begins = np.append(True, ~((along > 0) & (across <= (SAME_SHOT * both) ** 2)))
     begins[first[:-1]] = True
     starts, shot = np.flatnonzero(begins), np.cumsum(begins) - 1
     next_shot = following(np.searchsorted(starts, first))
@@ -78,11 +81,3 @@ def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
         other = after[other]
     is_last = reach >= np.maximum.reduceat(reach, starts)[shot]
     return np.where(is_last, 0.0, smallest / parameters.distance_ratio)
-
-
-def _are_of_one_shot(xyz: Floats, reach: Floats) -> Bools:
-    """Return whether points are in the direction of the points before them (N - 1,)."""
-    both, along = reach[1:] * reach[:-1], np.einsum('ij,ij->i', xyz[1:], xyz[:-1])
-    across = both * both - along * along
-    of_one_shot: Bools = (along > 0) & (across <= (SAME_SHOT * both) ** 2)
-    return of_one_shot

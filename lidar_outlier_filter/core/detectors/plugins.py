@@ -101,10 +101,6 @@ def _check_fields(one: Any, title: str) -> None:
             raise ParameterError(f'{name} of {title}', must_be, shown(value))
 
 
-def _is_identifier(value: Any) -> bool:
-    return isinstance(value, str) and value.isidentifier()
-
-
 def _is_function(value: Any) -> bool:
     return callable(value) or (isinstance(value, str) and ':' in value)
 
@@ -123,7 +119,7 @@ def _is_section(section: Any) -> bool:
 
 
 _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    'name': (_is_identifier, 'an identifier'),
+    'name': (lambda value: isinstance(value, str) and value.isidentifier(), 'an identifier'),
     'bit': (lambda value: type(value) is int, 'an integer'),
     'section': (_is_section, 'a frozen dataclass of declared parameters'),
     'score': (_is_function, "a function, or 'module:function'"),

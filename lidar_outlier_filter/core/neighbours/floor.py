@@ -82,7 +82,7 @@ def measure_floor(xyz: Floats, where: Ints, threads: int = 0, side: float | None
         lambda some: _lowest(*_kernels.column_runs(some, origin, side)), xyz, where, threads
     )
     column, low = _lowest(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-    wide = np.unique(_widen(column))
+    wide: Ints = np.unique((column >> ROW) // WIDER << ROW | (column & WITHIN) // WIDER)
     floor = np.empty((len(wide), 2))
     pool.run(
         lambda i, j: _kernels.write_floor(wide, column, low, i, j, floor),
@@ -98,12 +98,6 @@ def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
     """
     around = measure_floor(xyz, where, threads)
     return sum(in_parts(lambda some: _kernels.count_low(around, some), xyz, where, threads))
-
-
-def _widen(column: Ints) -> Ints:
-    """Return the wide columns in which columns are."""
-    wide: Ints = (column >> ROW) // WIDER << ROW | (column & WITHIN) // WIDER
-    return wide
 
 
 def _lowest(column: Ints, z: Floats) -> tuple[Ints, Floats]:

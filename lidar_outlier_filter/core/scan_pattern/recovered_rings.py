@@ -126,7 +126,9 @@ def find_rings(xyz: Floats) -> Rings | None:
     flat, z = _flat(xyz)
     order = np.lexsort((flat, z))
     ordered = flat[order], z[order]
-    if _span(_kernels.elevations(*ordered, 0.0, 0.0)) < MIN_SPAN_RAD:
+    # Without 1 % at either end.
+    ends = np.quantile(_kernels.elevations(*ordered, 0.0, 0.0), [0.01, 0.99], method='lower')
+    if ends[1] - ends[0] < MIN_SPAN_RAD:
         return None
     origin = find_origin(*ordered)
     rings = find_elevations(*ordered, origin)
@@ -206,12 +208,6 @@ def as_turn(points: Points) -> Points:
         return points
     xyz = np.ascontiguousarray(points.in_own_frame.xyz)
     return replace(points, line=points.ring, t=_kernels.times_of_turn(xyz))
-
-
-def _span(elevation: Floats) -> float:
-    """Return the angle from the lowest point to the highest, without 1 % at either end."""
-    low, high = np.quantile(elevation, [0.01, 0.99], method='lower')
-    return float(high - low)
 
 
 def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
