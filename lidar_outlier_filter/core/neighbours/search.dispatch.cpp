@@ -198,7 +198,7 @@ private:
             y_[to] = from[1];
             z_[to] = from[2];
             near_.index[to] = static_cast<std::int32_t>(p);
-            count += gap_to(from, box) <= reach ? 1 : 0;
+            count += gap(from, from, box) <= reach ? 1 : 0;
         }
 #endif
         return count;

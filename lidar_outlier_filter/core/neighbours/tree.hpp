@@ -44,22 +44,16 @@ inline Box box_of(const double* point) {
     return {{point[0], point[1], point[2]}, {point[0], point[1], point[2]}};
 }
 
-// Returns the squared distance between a box and that of a node.
-inline double gap(const Tree& tree, Index node, const Box& box) {
-    const double* low = tree.low.row(node);
-    const double* high = tree.high.row(node);
+// Returns the squared distance between a box and another one, or a point: then `low` is `high`.
+inline double gap(const double* low, const double* high, const Box& box) {
     const double dx = std::max(std::max(low[0] - box.high[0], box.low[0] - high[0]), 0.0);
     const double dy = std::max(std::max(low[1] - box.high[1], box.low[1] - high[1]), 0.0);
     const double dz = std::max(std::max(low[2] - box.high[2], box.low[2] - high[2]), 0.0);
     return (dx * dx + dy * dy) + dz * dz;
 }
 
-// Returns the squared distance between a point and a box, as gap() does.
-inline double gap_to(const double* point, const Box& box) {
-    const double dx = std::max(std::max(point[0] - box.high[0], box.low[0] - point[0]), 0.0);
-    const double dy = std::max(std::max(point[1] - box.high[1], box.low[1] - point[1]), 0.0);
-    const double dz = std::max(std::max(point[2] - box.high[2], box.low[2] - point[2]), 0.0);
-    return (dx * dx + dy * dy) + dz * dz;
+inline double gap(const Tree& tree, Index node, const Box& box) {
+    return gap(tree.low.row(node), tree.high.row(node), box);
 }
 
 // Returns the squared distance of two points, in the order of operations of the search.

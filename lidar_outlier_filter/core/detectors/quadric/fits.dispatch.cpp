@@ -304,13 +304,12 @@ void fill_rows(Window& window) {
     }
 }
 
-// Gives the kept points the weight 1/σ², the others none.
-void weigh(Window& window) {
-    const double* sigma2 = window.sigma2;
+// Gives the kept points the weight 1/variance, the others none.
+void weigh(Window& window, const double* variance) {
     const Flag* kept = window.kept;
     double* __restrict weight = window.weight;
     for (Index i = 0; i < window.padded; ++i) {
-        weight[i] = kept[i] != 0 ? 1 / sigma2[i] : 0.0;
+        weight[i] = kept[i] != 0 ? 1 / variance[i] : 0.0;
     }
 }
 
@@ -345,7 +344,7 @@ template <int SIZE>
 bool adjust(Window& window) {
     for (int number = 0; number < ADJUSTMENTS; ++number) {
         measure_gradient(window);
-        weigh(window);
+        weigh(window, window.sigma2);
         if (std::isnan(step<SIZE>(window).before)) {
             return false;
         }

@@ -25,7 +25,7 @@ void measure_heights(const Plane& plane, const Coordinates& points, Index begin,
 
 // Paraboloids and quadrics; SIZE is one of PARABOLOID and QUADRIC.
 void fill_rows(Window& window);
-void weigh(Window& window);
+void weigh(Window& window, const double* variance);
 template <int SIZE>
 void sum_normal(Window& window);
 template <int SIZE>

@@ -121,12 +121,7 @@ void measure_plane(Window& window) {
 
 // Fits the plane to the kept points; measures all points. False if they lie on a line.
 bool adjust_plane(Window& window, double floor) {
-    const double* variance = window.variance;
-    const Flag* kept = window.kept;
-    double* __restrict weight = window.weight;
-    for (Index i = 0; i < window.padded; ++i) {
-        weight[i] = kept[i] != 0 ? 1 / variance[i] : 0.0;
-    }
+    weigh(window, window.variance);
     fit_plane(window, window.xyz, 0, window.n);
     if (!is_plane(window, floor)) {
         return false;

@@ -159,7 +159,7 @@ FittedSurface rise(Window& window, const FittedSurface& paraboloid, const Rules&
         return paraboloid;
     }
     save(window, 1);
-    weigh(window);
+    weigh(window, window.sigma2);
     const Squares squares = step<QUADRIC>(window);
     if (is_better(squares.before, squares.after, paraboloid.support - (QUADRIC - 1), rules)) {
         const FittedSurface quadric = grow_quadric(window, rules, growth);

@@ -148,7 +148,7 @@ bool is_better(double before, double after, Index freedom, const Rules& rules) {
 // Outliers that the plane could not distinguish from a bend would spoil it. So it is fitted to all
 // kept points, then to the half that agrees best. If either is better, it begins with that half.
 bool is_bent(Window& window, const Rules& rules) {
-    weigh(window);
+    weigh(window, window.sigma2);
     const Index count = count_kept(window), half = (count + 1) / 2;
     square_kept(window);
     select(window.scratch, count, half - 1);
