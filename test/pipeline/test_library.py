@@ -19,23 +19,14 @@ from lidar_outlier_filter import (
     detect_outliers,
 )
 from lidar_outlier_filter.core.annotations import Floats, Rows
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # Recorded clouds carry them: they never change.
-BITS = {
-    'alpha_beta_gamma': 1,
-    'quadric': 2,
-    'lof': 4,
-    'sor': 8,
-    'hierarchical': 16,
-    'elevation': 32,
-    'boosted_trees': 64,
-    'scan_shadows': 128,
-    'ring_outlier': 256,
-    'dual_return': 512,
-    'crop_box': 1024,
-}
+NAMES = 'alpha_beta_gamma quadric lof sor hierarchical elevation boosted_trees scan_shadows'
+NAMES += ' ring_outlier dual_return crop_box mixed_pixels field_range'
+BITS = {name: 1 << number for number, name in enumerate(NAMES.split())}
 # The default rejects next to nothing of a clean recording.
 STRICT, LESS_STRICT = {'boosted_trees.threshold': 0.5}, {'boosted_trees.threshold': 0.85}
 WITHOUT_LINES = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
@@ -66,6 +57,11 @@ def drive_of(rows: Rows) -> tuple[Floats, NDArray[np.int64], NDArray[np.uint16]]
 
 
 # What comes out ---------------------------------------------------------------------------------
+
+
+def test_bits() -> None:
+    """Those of all detectors are as they were when clouds were recorded with them."""
+    assert {name: one.bit for name, one in BUILTIN.items()} == BITS
 
 
 @pytest.mark.parametrize('name', WITHOUT_LINES)
