@@ -336,6 +336,9 @@ def _check_together(parameters: FilterParameters) -> None:
     if parameters.vote > len(parameters.chain):
         must_be = f'at most the {len(parameters.chain)} of the chain'
         raise ParameterError('vote', must_be, parameters.vote)
+    names = {installed().detectors[name].field(parameters) for name in parameters.chain} - {''}
+    if len(names) > 1:
+        raise ParameterError('chain', 'of detectors that read one field', ', '.join(sorted(names)))
     wait = parameters.block + parameters.halo + parameters.lateness
     if parameters.max_delay < wait and parameters.blocks != 'message':
         must_be = f'at least block + halo + lateness = {wait:g} s'

@@ -3,6 +3,7 @@
 """The filters that vehicle stacks know by name: each rejects what the original removes."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -31,7 +32,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, line_starts, order_by_line
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 from lidar_outlier_filter.recordings.bags import Recording
 
 GAP = 1.5
@@ -253,3 +254,12 @@ def test_bounds_in_a_band(seed: int) -> None:
     assert set(np.flatnonzero(np.isnan(score)).tolist()) == untested
     assert 100 < len(removed) < 500
     assert not (field_range.detect(values, reach, FieldRange()) > 1).any()
+
+
+def test_one_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points carry one field: a chain whose detectors read two is refused."""
+    known = installed().detectors
+    monkeypatch.setitem(known, 'sor', replace(known['sor'], field=lambda _: 'signal'))
+    FilterParameters().changed({'chain': ['sor', 'field_range'], 'field_range.field': 'signal'})
+    with pytest.raises(ParameterError, match='must be of detectors that read one field'):
+        FilterParameters().changed({'chain': ['sor', 'field_range']})
