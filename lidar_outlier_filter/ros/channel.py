@@ -142,8 +142,8 @@ class Channel:
         remarks = []
         if not self.worker.enabled:
             remarks.append('disabled: clouds pass unfiltered')
-        if self.worker.treatment is not Treatment.FILTER:
-            remarks.append(f'overload: clouds are {self.worker.treatment.value}')
+        if self.worker.overload.treatment is not Treatment.FILTER:
+            remarks.append(f'overload: clouds are {self.worker.overload.treatment.value}')
         name = self.publisher.cleaned.topic_name
         if (count := self._node.count_publishers(name)) > 1:
             remarks.append(f'{count} publishers on {name}: another node has the same outputs')

@@ -105,7 +105,7 @@ class TunableNode(Node):  # type: ignore[misc]
 
     def _is_as_it_is(self, item: RosParameter) -> bool:
         """Return whether a read-only parameter is given the value that it has."""
-        is_same: bool = _plain(self.get_parameter(item.name).value) == _plain(item.value)
+        is_same: bool = _to_ros(self.get_parameter(item.name).value) == _to_ros(item.value)
         return is_same and bool(self.describe_parameter(item.name).read_only)
 
     def _serve_parameters(self) -> None:
@@ -262,10 +262,6 @@ def _refusal(err: ParameterError) -> SetParametersResult:
 
 
 def _to_ros(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _plain(value: object) -> object:
     """Return arrays of every kind as lists."""
     return list(value) if isinstance(value, tuple | list | array) else value
 

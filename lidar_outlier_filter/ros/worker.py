@@ -50,7 +50,7 @@ class Worker:
         self._publisher = publisher
         self._health = health
         self._parameters = parameters
-        self._overload = Overload()
+        self.overload = Overload()
         self._due: int | None = None  # when the cloud that waits longest must be published, ns
         self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
         self._failure: BaseException | None = None
@@ -60,11 +60,6 @@ class Worker:
         self._waits: Received | None = None  # the cloud that has waited longest for its output
 
     # For all threads --------------------------------------------------------------------------
-
-    @property
-    def treatment(self) -> Treatment:
-        """What was done with the last cloud."""
-        return self._overload.treatment
 
     def start(self, name: str) -> None:
         """Filter in a thread of its own."""
@@ -183,7 +178,7 @@ class Worker:
             self._due = None
             return None
         max_delay = self._parameters.max_delay
-        patience = max_delay - self._overload.lead(max_delay)
+        patience = max_delay - self.overload.lead(max_delay)
         # Noted before the clock is read: should it go on meanwhile, we are woken.
         self._due = received.at + round(patience * SECOND)
         return (self._due - self.clock.now()) / SECOND
@@ -215,7 +210,7 @@ class Worker:
             if self._filter.statistics.resets > resets:
                 self._set_back_at = self.clock.steady_now()
         seconds = perf_counter() - began
-        self._overload.took(seconds)
+        self.overload.took(seconds)
         self._health.spent(seconds)
 
     def _treat(self, received: Received) -> Treatment:
@@ -223,7 +218,7 @@ class Worker:
             return Treatment.FILTER
         age = (self.clock.now() - received.at) / SECOND
         load, max_delay = self.inbox.load, self._parameters.max_delay
-        treatment = self._overload.decide(load.policy, self.inbox.fill, age, max_delay)
+        treatment = self.overload.decide(load.policy, self.inbox.fill, age, max_delay)
         if treatment is Treatment.DEGRADE and not self._filter.has_line_detectors:
             return Treatment.PASS
         return treatment

@@ -90,7 +90,7 @@ def test_what_waits_is_reported(ros: Ros) -> None:
     assert plotted['backlog_clouds'] == 3
     assert plotted['backlog_megabytes'] == pytest.approx(3e-6 * len(serialize_message(line(0.0))))
     assert plotted['waiting_clouds'] == 1
-    channel.worker._overload.treatment = Treatment.DEGRADE
+    channel.worker.overload.treatment = Treatment.DEGRADE
     message = channel.sample(3.0).message
     assert 'no cloud for 3 s, publishers: 1 (' in message
     assert 'overload: clouds are filtered along scan lines only' in message
