@@ -41,6 +41,7 @@ class TunableNode(Node):  # type: ignore[misc]
 
     Attributes
     ----------
+    filter_parameters : as they were set last
     channels : one for each input; empty while a managed node is not configured
     statuses : the last diagnostics, one for each input; empty while the node does not run
 
@@ -59,12 +60,7 @@ class TunableNode(Node):  # type: ignore[misc]
         super().__init__(NODE_NAME, parameter_overrides=given, **options)
         self.channels: tuple[Channel, ...] = ()
         self.statuses: Sequence[DiagnosticStatus] = ()
-        self._parameters_now = self._parameters_first = self._declare()
-
-    @property
-    def filter_parameters(self) -> FilterParameters:
-        """The parameters as they were set last."""
-        return self._parameters_now
+        self.filter_parameters = self._parameters_first = self._declare()
 
     def set_parameters(self, parameter_list: list[RosParameter]) -> list[SetParametersResult]:
         """Set each by itself."""
@@ -89,13 +85,13 @@ class TunableNode(Node):  # type: ignore[misc]
         except ParameterError as err:
             return _refusal(err)
         result = super().set_parameters_atomically(given)
-        if result.successful and changed != self._parameters_now:
-            before, after = self._parameters_now.flat(), changed.flat()
+        if result.successful and changed != self.filter_parameters:
+            before, after = self.filter_parameters.flat(), changed.flat()
             said = (
                 f'{name}: {_to_ros(after[name])}' for name in after if after[name] != before[name]
             )
             self.get_logger().info(f'parameters set: {", ".join(said)}')
-            self._parameters_now = changed
+            self.filter_parameters = changed
             self.apply(changed)
         return result
 
@@ -133,19 +129,19 @@ class TunableNode(Node):  # type: ignore[misc]
     def _changed(self, parameters: Iterable[RosParameter]) -> FilterParameters:
         known = {parameter.name: parameter for parameter in describe()}
         values = {item.name: item.value for item in parameters if item.name in known}
-        now = self._parameters_now.flat()
+        now = self.filter_parameters.flat()
         for name, value in values.items():
             if known[name].fixed:
                 must_be = f'{_to_ros(now[name])!r} (read-only)'
                 raise ParameterError(name, must_be, repr(value))
-        return self._parameters_now.changed(values)
+        return self.filter_parameters.changed(values)
 
     def _save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Write the parameters to a file that ``--params-file`` reads."""
         path = self._file()
         try:
             path = path.expanduser()
-            _write_whole(path, write_yaml(self._parameters_now.flat()))
+            _write_whole(path, write_yaml(self.filter_parameters.flat()))
         except ParameterError as err:
             response.message = f'the parameters were not saved: {err}'
         # expanduser() raises RuntimeError for an unknown user, open() ValueError for a null byte.
@@ -159,15 +155,15 @@ class TunableNode(Node):  # type: ignore[misc]
 
     def _file(self) -> Path:
         """Return ``save_to``, or else a file in ROS_HOME, named after this node; ~ stays."""
-        if self._parameters_now.save_to:
-            return Path(str(self._parameters_now.save_to))
+        if self.filter_parameters.save_to:
+            return Path(str(self.filter_parameters.save_to))
         home = Path(os.environ.get('ROS_HOME') or '~/.ros')
         name: str = self.get_fully_qualified_name()
         return home / (name.strip('/').replace('/', '.') + '.yaml')
 
     def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Put every parameter back to what it was at the start."""
-        now, first = self._parameters_now.flat(), self._parameters_first.flat()
+        now, first = self.filter_parameters.flat(), self._parameters_first.flat()
         changed = [name for name in first if now[name] != first[name]]
         values = [RosParameter(name, value=_to_ros(first[name])) for name in changed]
         result = self.set_parameters_atomically(values)
