@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from lidar_outlier_filter.core.annotations import Ints
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Ints
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
@@ -30,6 +30,7 @@ from lidar_outlier_filter.evaluation.labels import Codes, words
 from lidar_outlier_filter.evaluation.truth import Kind
 
 STRETCHES = 20  # that a recording is cut into
+SURFACES = Codes(names={kind: words(kind.name) for kind in Kind})
 RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
 
 
@@ -84,8 +85,8 @@ def evaluate(points: Judged, codes: Codes) -> Evaluation:
     return Evaluation(
         confusion(bad, points.rejected),
         tally(bad, points.rejected, stretch, count),
-        _causes(points, codes),
-        _surfaces(points),
+        _by_code(points.code, bad, points.rejected, codes),
+        {} if points.surface is None else _by_code(points.surface, ~bad, points.rejected, SURFACES),
         _ranges(points),
         _detectors(points),
         untested,
@@ -93,26 +94,13 @@ def evaluate(points: Judged, codes: Codes) -> Evaluation:
     )
 
 
-def _causes(points: Judged, codes: Codes) -> dict[str, Share]:
-    code, rejected = points.code[points.bad], points.rejected[points.bad]
-    there, which = np.unique(code, return_inverse=True)
+def _by_code(code: Ints | Bytes, of: Bools, rejected: Bools, codes: Codes) -> dict[str, Share]:
+    """Count some points by code, and those of them that are rejected."""
+    there, which = np.unique(code[of], return_inverse=True)
     total = np.bincount(which, minlength=len(there)).tolist()
-    found = np.bincount(which[rejected], minlength=len(there)).tolist()
+    found = np.bincount(which[rejected[of]], minlength=len(there)).tolist()
     names = (codes.name(one) for one in there.tolist())
     return {name: Share(*pair) for name, *pair in zip(names, found, total, strict=True)}
-
-
-def _surfaces(points: Judged) -> dict[str, Share]:
-    if points.surface is None:
-        return {}
-    surface, rejected = points.surface[~points.bad], points.rejected[~points.bad]
-    total = np.bincount(surface, minlength=256)
-    lost = np.bincount(surface[rejected], minlength=256)
-    known = {int(kind): words(kind.name) for kind in Kind}
-    return {
-        known.get(one, f'surface {one}'): Share(int(lost[one]), int(total[one]))
-        for one in np.flatnonzero(total).tolist()
-    }
 
 
 def _ranges(points: Judged) -> dict[str, Confusion]:
