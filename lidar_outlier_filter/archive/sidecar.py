@@ -183,10 +183,7 @@ def content_hash(location: Location) -> str:
         return location.state
     if path.is_file():
         return file_hash(path)
-    files = (
-        f'{file.name} {file_hash(file)}\n' for file in sorted(path.iterdir()) if file.is_file()
-    )
-    return sha256(''.join(files).encode(errors='surrogateescape')).hexdigest()
+    return _hash_files(file for file in path.iterdir() if file.is_file())
 
 
 def parameters_hash(parameters: FilterParameters, options: Mapping[str, object]) -> str:
@@ -221,6 +218,5 @@ def _sources(module: str) -> str:
 
 
 def _hash_files(files: Iterable[Path]) -> str:
-    return sha256(
-        ''.join(f'{one.name} {file_hash(one)}\n' for one in sorted(files)).encode()
-    ).hexdigest()
+    said = ''.join(f'{one.name} {file_hash(one)}\n' for one in sorted(files))
+    return sha256(said.encode(errors='surrogateescape')).hexdigest()
