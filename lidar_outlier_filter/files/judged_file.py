@@ -148,16 +148,11 @@ def judge_file(  # noqa: PLR0913  options and callbacks
     with timed(seconds, 'read'):
         coordinates, metres, loaded = _load(file, options, parameters, allocate, progress)
         axes = {name: metres.get(name, 1.0) for name in coordinates}
-        if options.trajectory is not None:
-            path = Path(options.trajectory)
-            loaded = with_trajectory(file, axes, loaded, path, parameters, allocate)
     with timed(seconds, 'judge'):
         progress(0, 0, 'judging')
         classes = loaded.more.get(points.CLASSIFICATION) if file.classes else None
         codes = None if classes is None else cloud_file.filled(classes).astype(np.uint8)
-        ignored = 0
-        if codes is not None and options.ignore:
-            loaded, ignored = _without(loaded, codes, options.ignore)
+        loaded, ignored = _without(loaded, codes, options.ignore)
         cloud = loaded.points if options.buffer else with_rings(loaded.points, parameters)
         if cloud.ring is not None:
             loaded = points.recovered(file, loaded, cloud)
@@ -255,11 +250,17 @@ def _load(
         allocate=allocate,
         progress=lambda done: progress(done, len(file), 'reading'),
     )
+    if options.trajectory is not None:
+        axes = {name: metres.get(name, 1.0) for name in coordinates}
+        path = Path(options.trajectory)
+        loaded = with_trajectory(file, axes, loaded, path, parameters, allocate)
     return coordinates, metres, loaded
 
 
-def _without(loaded: Loaded, codes: Bytes, ignore: Sequence[int]) -> tuple[Loaded, int]:
+def _without(loaded: Loaded, codes: Bytes | None, ignore: Sequence[int]) -> tuple[Loaded, int]:
     """Hide points of some classes from detectors and from the mask; count them."""
+    if codes is None or not ignore:
+        return loaded, 0
     cloud, hidden = loaded.points, np.isin(codes, ignore)
     present = cloud.valid if cloud.masked is None else cloud.valid | cloud.masked
     masked = None if cloud.masked is None else cloud.masked & ~hidden
