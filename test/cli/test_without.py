@@ -142,6 +142,19 @@ def test_the_node_refuses_arguments_that_it_has_not() -> None:
     )
 
 
+def test_sources_alone() -> None:
+    """Where nothing is compiled, a command says in one sentence where and how to get it."""
+    module = 'lidar_outlier_filter.core._kernels'
+    code = 'from lidar_outlier_filter.cli.main import main\nsys.exit(main(["info", "x"]))'
+    done = run(f'sys.modules[{module!r}] = None\n{code}')
+    assert done.returncode == 1
+    assert done.stderr == (
+        f'the module _kernels must be compiled in {ROOT / "lidar_outlier_filter" / "core"} (by '
+        'scripts/environment or python setup.py build_ext --inplace), or Python started '
+        'elsewhere, to import what pip installed, got its sources alone\n'
+    )
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Make a folder with a recording and a file."""
