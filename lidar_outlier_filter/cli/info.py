@@ -91,7 +91,7 @@ def _form(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
     yield 'fields', ', '.join(cloud.fields)
     yield 'points', f'{height} × {width}, {cloud.step} bytes each'
     for text in cloud.found:
-        yield 'found', text
+        yield 'judged' if text.startswith('judged') else 'read', text.removeprefix('judged ')
     rate = _number(cloud.stamps.rate, ' Hz') or 'no rate'
     yield 'header stamps', f'{rate}, {_counted(cloud.stamps.gaps, "gap")}'
     if cloud.stamps.jumps:
@@ -132,9 +132,10 @@ def _verdict(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
         by = ', '.join(f'{name} {count:,}' for name, count in report.rejected_by.items())
         first = f'the first {_counted(report.messages, "cloud")}, {report.points:,} points'
         yield 'defaults reject', f'{share:.3g} % of {first} ({by}); {untested:.3g} % untested'
-        speed = f'{report.points / cloud.seconds / 1e6:.3g} million points/s'
-        # Of one cloud nobody knows how long it took to measure.
-        times = report.messages / cloud.stamps.rate / cloud.seconds
+    if report.points and report.messages > 1:
+        rate = (report.messages - 1) / cloud.seconds  # the first one starts the filter
+        speed = f'{rate * report.points / report.messages / 1e6:.3g} million points/s'
+        times = rate / cloud.stamps.rate
         yield 'speed here', ', '.join(filter(None, [speed, _number(times, ' × real time')]))
 
 

@@ -136,6 +136,8 @@ def test_command_on_a_recording(real_data: Path, capsys: Capture) -> None:
         'ring uint16',
         '16 rings',
         'even steps of 1.9°',
+        '│ read   ',
+        '│ judged   ',
         '× real time',
     ):
         assert part in text
