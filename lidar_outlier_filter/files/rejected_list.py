@@ -113,14 +113,12 @@ def _write_geopackage(judged: JudgedFile, path: Path) -> None:
     head = struct.pack('<2sBBiBI', b'GP', 0, 1, number, 1, _HAS_Z)
     layout = np.dtype([('head', f'V{len(head)}'), ('xyz', '<f8', 3)])
     insert = f'INSERT INTO rejected (geom, {", ".join(_ABOUT)}) VALUES (?, ?, ?, ?, ?)'  # noqa: S608  names of our own
+    low = high = np.full(2, np.nan)  # which SQLite takes as null
     with closing(sqlite3.connect(path)) as database, database:
         database.executescript(_TABLES)
         if system:
             row = (name, number, 'NONE', number, system, None)
             database.execute('INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)', row)
-        contents = ('rejected', 'features', judged.file.path.name, number)
-        into = 'gpkg_contents (table_name, data_type, identifier, srs_id)'
-        database.execute(f'INSERT INTO {into} VALUES (?, ?, ?, ?)', contents)  # noqa: S608  the same
         columns = ('rejected', 'geom', 'POINT', number, 1, 0)
         database.execute('INSERT INTO gpkg_geometry_columns VALUES (?, ?, ?, ?, ?, ?)', columns)
         for xyz, about in _chunks(judged):
@@ -129,3 +127,10 @@ def _write_geopackage(judged: JudgedFile, path: Path) -> None:
             blobs = shapes.view(f'V{layout.itemsize}').tolist()
             rows = ((blob, *one) for blob, one in zip(blobs, about, strict=True))
             database.executemany(insert, rows)
+            places = np.vstack([low, high, xyz[:, :2]])
+            low, high = np.fmin.reduce(places), np.fmax.reduce(places)
+        contents = ('rejected', 'features', judged.file.path.name, number, *low, *high)
+        into = (
+            'gpkg_contents (table_name, data_type, identifier, srs_id, min_x, min_y, max_x, max_y)'
+        )
+        database.execute(f'INSERT INTO {into} VALUES (?, ?, ?, ?, ?, ?, ?, ?)', contents)  # noqa: S608  the same

@@ -129,12 +129,14 @@ def test_list_of_the_rejected_points(folder: Path) -> None:
         _, shapes, *about = zip(*database.execute('SELECT * FROM rejected'), strict=True)
         system = 'SELECT definition FROM gpkg_spatial_ref_sys NATURAL JOIN gpkg_geometry_columns'
         ((wkt,),) = database.execute(system)
+        (bounds,) = database.execute('SELECT min_x, min_y, max_x, max_y FROM gpkg_contents')
     assert list(zip(*about, strict=True)) == expected
     # OGC 12-128r18, clause 2.1.3: magic, version, little-endian, system; then a point with z.
     found = [struct.unpack('<2sBBiBI3d', shape) for shape in shapes]
     assert {one[:6] for one in found} == {(b'GP', 0, 1, 100_000, 1, 1001)}
     np.testing.assert_array_equal([one[6:] for one in found], some.xyz)
     assert CRS(wkt).to_epsg() == 2975
+    assert bounds == (*some.xyz[:, :2].min(axis=0), *some.xyz[:, :2].max(axis=0))
 
 
 # Time and scan lines
