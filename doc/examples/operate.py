@@ -22,6 +22,18 @@ from rclpy.wait_for_message import wait_for_message
 from std_srvs.srv import SetBool, Trigger
 
 TIMEOUT = 10.0  # seconds
+KNOWN = (
+    'diagnostics, set NAME VALUE, enable true, enable false, save_parameters, reset, '
+    'configure, activate, deactivate, cleanup'
+)
+
+
+def check(node: str = '', *words: str) -> None:
+    """Refuse other words than those that are known."""
+    is_set = len(words) == 3 and words[0] == 'set'  # noqa: PLR2004  a name and a value
+    if not is_set and ' '.join(words) not in KNOWN.split(', '):
+        got = ' '.join([node, *words])
+        sys.exit(f'the arguments must be NODE and one of: {KNOWN}; got {got!r}')
 
 
 def main(node: str, what: str, *values: str) -> object:
@@ -63,6 +75,7 @@ def call(kind: Any, name: str, **fields: object) -> object:
 
 
 if __name__ == '__main__':
+    check(*sys.argv[1:])
     rclpy.init()
     me = rclpy.create_node('operate')
     sys.stdout.write(f'{main(*sys.argv[1:])}\n')

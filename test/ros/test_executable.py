@@ -205,6 +205,8 @@ def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
 def test_operated_without_ros2() -> None:
     """The example of the pages moves a managed node, sets, disables, and shows the diagnostics."""
     env, program = environment(), ROOT / 'doc/examples/operate.py'
+    refused = ended(sys.executable, program, '/outlier_filter_node', 'start', env=env)
+    assert refused.stderr.startswith('the arguments must be NODE and one of: diagnostics, set ')
     with Program('-m', 'lidar_outlier_filter.cli.node', '--lifecycle', env=env) as node:
         node.wait_for('waiting to be configured')
         for words, response in (
