@@ -22,6 +22,7 @@ from lidar_outlier_filter.archive.sidecar import (
 from lidar_outlier_filter.errors import NoCloudsError
 from lidar_outlier_filter.files.clean import CleanReport, clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
+from lidar_outlier_filter.files.rejected_list import write_rejected
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.cloud_topic import TopicReport
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -44,7 +45,7 @@ class Task:
     location : the input
     source : its path below the folder that was searched
     folder : of all outputs
-    names : paths of the outputs below it, the cleaned one first
+    names : paths of the outputs below it, the cleaned one first, a list of rejected points last
 
     """
 
@@ -191,7 +192,9 @@ class CleanJob(Job):
         self, task: Task, folder: Path, record: ArchiveRecord, note: Note, inform: Inform
     ) -> Result:
         """Clean a file."""
-        path, inspect, found = Path(str(task.location.path)), self.inspect, list[object]()
+        path, found = Path(str(task.location.path)), list[object]()
+        output, *others = (Path(str(one)) for one in task.outputs)
+        listed = folder / others.pop().name if self.options['reasons'] else None
 
         @contextmanager
         def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
@@ -200,18 +203,25 @@ class CleanJob(Job):
         def progress(done: int, total: int, step: str) -> None:
             note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
 
-        output, *outliers = (Path(str(one)) for one in task.outputs)
+        def inspect(judged: JudgedFile) -> None:
+            if listed is not None:
+                write_rejected(judged, listed)
+            if self.inspect is not None:
+                found.append(self.inspect(judged))
+
         report = clean_file(
             path,
             output,
             self.filter,
             CleanOptions(**self.options),
-            outliers=outliers[0] if outliers else None,
+            outliers=next(iter(others), None),
             progress=progress,
             slow=lambda detector: inform(f'{path}: {detector}'),
-            inspect=inspect and (lambda judged: found.append(inspect(judged))),
+            inspect=inspect,
             make=hidden,
         )
+        if listed is not None:
+            report = replace(report, outputs=(*report.outputs, str(task.outputs[-1])))
         counted = replace(record, state=DONE, topics={THE_FILE: _count_file(report)})
         return Result(counted, asdict(report), report, next(iter(found), None))
 

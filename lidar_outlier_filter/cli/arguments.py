@@ -166,8 +166,9 @@ def _add_outputs(parser: ArgumentParser) -> None:
     add(
         '--list',
         type=Path,
-        metavar='FILE.csv|.gpkg',
-        help='list rejected points, with reasons, as a new CSV or GeoPackage; also in a dry run',
+        metavar='csv|gpkg|FILE',
+        help='list rejected points, with reasons, as a new CSV or GeoPackage beside each output, '
+        'x_cleaned.laz.rejected.gpkg, or those of one file as FILE.gpkg; also in its dry run',
     )
     add(
         '--picture',

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     Inspect = Callable[[JudgedFile], Worst]
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # suffixes of the stem of an output
+EACH = tuple(suffix[1:] for suffix in LISTS)  # of --list: a list beside the output of each file
 
 
 def run_clean(options: argparse.Namespace) -> int:
@@ -115,8 +116,11 @@ def _clean_one(
     inspect: Inspect | None,
 ) -> int:
     """Clean a single file with a progress bar; an error ends the command."""
-    path, listed, worst = options.files[0].absolute(), options.list, list[Any]()
-    output, *outliers = (name.absolute() for name in _outputs(path, options, folder, path.name))
+    path, worst = options.files[0].absolute(), list[Any]()
+    output, *others = (name.absolute() for name in _outputs(path, options, folder, path.name))
+    listed = others.pop() if str(options.list) in EACH else options.list
+    if listed is not None:
+        check_new(listed, what='--list')
 
     def interrupted() -> str:
         return f'nothing is written to {output}; the same command starts over'
@@ -135,7 +139,7 @@ def _clean_one(
             output,
             FilterParameters().changed(parameters),
             how,
-            outliers=options.outliers or next(iter(outliers), None),
+            outliers=options.outliers or next(iter(others), None),
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
             inspect=inspect_judged,
@@ -178,11 +182,15 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
     check_workers(options, is_archive=is_archive)
-    for name in ('outliers', 'picture', 'list'):
+    each = str(options.list) in EACH
+    if each and is_archive and options.dry_run:
+        raise ParameterError('--list of several files', 'left out with --dry-run', options.list)
+    for name in ('outliers', 'picture') if each else ('outliers', 'picture', 'list'):
         value = getattr(options, name)
         if value and (count > 1 or (is_archive and name == 'list')):
             got = f'{count} files' if count > 1 else 'a folder'
-            raise ParameterError(f'--{name}', 'given for one file', got)
+            or_each = f', or {" or ".join(EACH)} for each' if name == 'list' else ''
+            raise ParameterError(f'--{name}', f'given for one file{or_each}', got)
         if value and (options.scheduler or options.scheduler_file):
             raise ParameterError(f'--{name}', 'left out with --scheduler', value)
     check_accepted_share(options)
@@ -190,11 +198,10 @@ def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None
         check_file(options.trajectory)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
-    if options.list and options.list.suffix.lower() not in LISTS:
+    if options.list and not each and options.list.suffix.lower() not in LISTS:
         raise ParameterError('--list', f'a name that ends with {" or ".join(LISTS)}', options.list)
-    for name in ('picture', 'list'):
-        if getattr(options, name):
-            check_new(getattr(options, name), what=f'--{name}')
+    if options.picture:
+        check_new(options.picture, what='--picture')
 
 
 def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
@@ -235,10 +242,13 @@ def _outputs(
     if folder is not None or output is None:
         stem, suffix = split_name(path)
         output = (path if folder is None else folder / source).with_name(stem + CLEANED + suffix)
-    if options.rejected != SEPARATE or options.outliers is not None:
-        return [output]
-    stem, suffix = split_name(output)
-    return [output, output.with_name(stem.removesuffix(CLEANED) + OUTLIERS + suffix)]
+    outputs = [output]
+    if options.rejected == SEPARATE and options.outliers is None:
+        stem, suffix = split_name(output)
+        outputs.append(output.with_name(stem.removesuffix(CLEANED) + OUTLIERS + suffix))
+    if str(options.list) in EACH:
+        outputs.append(output.with_name(f'{output.name}.rejected.{options.list}'))
+    return outputs
 
 
 def _classes(options: argparse.Namespace, option: str) -> tuple[int, ...]:

@@ -15,6 +15,7 @@ import laspy
 import numpy as np
 import pytest
 from helpers import names
+from helpers.archives import command_of, records
 from helpers.cloud_files import columns
 from helpers.programs import ended
 from pyproj import CRS
@@ -137,6 +138,29 @@ def test_list_of_the_rejected_points(folder: Path) -> None:
     np.testing.assert_array_equal([one[6:] for one in found], some.xyz)
     assert CRS(wkt).to_epsg() == 2975
     assert bounds == (*some.xyz[:, :2].min(axis=0), *some.xyz[:, :2].max(axis=0))
+
+
+def test_lists_of_several_files(tmp_path: Path, capsys: Capture) -> None:
+    """Each lies beside its output, known to its sidecar, and is made anew if lost."""
+    words = [*command_of('clean', tmp_path), '--list']
+    assert main([*words, 'csv']) == 0
+    found = records(tmp_path / 'out')
+    assert len(found) == 2
+    for record in found.values():
+        lines = (tmp_path / 'out' / f'{record.output}.rejected.csv').read_text().splitlines()
+        assert len(lines) == 1 + sum(counts['rejected'] for counts in record.topics.values()) > 1
+        assert f'{record.output}.rejected.csv' in record.outputs
+    path, *others = sorted((tmp_path / 'out').rglob('*.rejected.csv'))
+    text = path.read_text()
+    path.unlink()
+    capsys.readouterr()
+    assert main([*words, 'csv']) == 0
+    assert f'1 cleaned, {len(others)} done before' in capsys.readouterr().out
+    assert path.read_text() == text
+    assert [main([*words, 'x.csv']), main([*words, 'csv', '--dry-run'])] == [1, 1]
+    one = 'given for one file, or csv or gpkg for each, got 2 files'
+    dry = '--list of several files must be left out with --dry-run, got csv'
+    assert capsys.readouterr().err == f'--list must be {one}\n{dry}\n'
 
 
 # Time and scan lines
