@@ -127,8 +127,8 @@ def _write_geopackage(judged: JudgedFile, path: Path) -> None:
             blobs = shapes.view(f'V{layout.itemsize}').tolist()
             rows = ((blob, *one) for blob, one in zip(blobs, about, strict=True))
             database.executemany(insert, rows)
-            places = np.vstack([low, high, xyz[:, :2]])
-            low, high = np.fmin.reduce(places), np.fmax.reduce(places)
+            corners = np.vstack([low, high, xyz[:, :2]])
+            low, high = np.fmin.reduce(corners), np.fmax.reduce(corners)
         contents = ('rejected', 'features', judged.file.path.name, number, *low, *high)
         into = (
             'gpkg_contents (table_name, data_type, identifier, srs_id, min_x, min_y, max_x, max_y)'
