@@ -24,6 +24,7 @@ from lidar_outlier_lab.simulation.scenes.roadside import (
     hedges,
     laths,
     mesh,
+    posts,
     telephone,
     tramway,
 )
@@ -44,9 +45,11 @@ SCANNERS = (
     *((200.0, 1250), (200.0, 1000), (200.0, 800), (250.0, 800)),
     *((200.0, 4000), (125.0, 4000), (250.0, 3200), (200.0, 2500)),
 )
+HEADS = ((200.0, 5000), (250.0, 5000))  # of mapping systems
 # Shares of the streets.
 TREES, MIXED, WET, FALLS, STOPS = 0.5, 0.6, 0.5, 0.4, 0.3
 SUNKEN, PANES, SUN, DIRT, TRAFFIC, BIRDS = 0.2, 0.5, 0.5, 0.3, 0.5, 0.2
+BY_HEADS = 0.3
 FARTHEST = (1.3, 2.2)  # log10 of metres: range gates of the noise of the sun
 TWICE = 0.5  # give second echoes
 OWN_FRAME = 0.3  # are not moved to the street
@@ -67,6 +70,9 @@ def training_street(seed: int) -> TrainingStreet:
     half = rng.uniform(3.6, 6.2)
     speed = rng.uniform(2.0, 20.0)
     lines, shots = SCANNERS[int(rng.integers(len(SCANNERS)))]
+    own = np.random.default_rng([seed, STREAM, 1])  # other draws stay as they are
+    if own.random() < BY_HEADS:
+        lines, shots = HEADS[int(own.integers(len(HEADS)))]
     seconds = max(SHOTS / (lines * shots), SHORTEST_DENSE if shots > DENSE else SHORTEST)
     wet = bool(rng.random() < WET)
     arms = [_arm(half, speed, seconds, rng) for _ in range(int(rng.integers(0, 9)))]
@@ -102,7 +108,7 @@ def training_street(seed: int) -> TrainingStreet:
 
 
 def _roadside(half: float, rng: np.random.Generator) -> Iterator[Surface]:
-    """Put up wires, fences and hedges, or not."""
+    """Put up wires, fences, hedges and posts, or not."""
     chosen = rng.random(5) < ROADSIDE
     left, right = half + rng.uniform(0.4, 2.2), -half - rng.uniform(0.4, 2.2)
     split = rng.uniform(0.0, 12.0)
@@ -119,6 +125,10 @@ def _roadside(half: float, rng: np.random.Generator) -> Iterator[Surface]:
     if chosen[4]:
         yield from hedges(BEHIND, split - 1.0, left, rng)
         yield from hedges(split + 1.0, AHEAD, right, rng)
+    own = rng.spawn(1)[0]  # numbers of its own: other draws stay as they are
+    for side in (half, -half):
+        if own.random() < ROADSIDE:
+            yield from posts(side + np.sign(side) * own.uniform(0.3, 1.0), own)
 
 
 def _traffic(

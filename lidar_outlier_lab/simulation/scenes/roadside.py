@@ -53,6 +53,12 @@ def tramway(half: float, rng: np.random.Generator) -> Iterator[Surface]:
             yield from _sagging((one, y, tall), (other, y, tall), 0.05, 0.007)
 
 
+def posts(y: float, rng: np.random.Generator) -> Iterator[Surface]:
+    """Drive in bollards and the thin posts of signs and delineators, in a row or two."""
+    for x in np.arange(BEHIND - rng.uniform(0.0, 6.0), AHEAD, rng.uniform(1.5, 8.0)).tolist():
+        yield pole(x, y + rng.uniform(-0.2, 0.2), rng.uniform(0.02, 0.06), rng.uniform(0.8, 3.2))
+
+
 def laths(start: float, end: float, y: float) -> Iterator[Surface]:
     """Nail upright laths, gaps between them, to two rails."""
     for x in np.arange(start, end, 0.15).tolist():
