@@ -7,7 +7,7 @@
 A wet avenue, a dry suburb, and a street with sunken ground beside it, each with second echoes and
 noise of the sun. Each head sees every street for 0.3 s, with 5000 shots a line; what it measured is
 judged in the frame of the map, in its own frame moved by odometry of 100 Hz, and in its own frame
-as it is. The training has other streets, and lines of up to 4000 shots. ``--chains`` judges these
+as it is. The training has other streets. ``--chains`` judges these
 and streets of ``leslar-*`` by the papers' methods, in the map; ``--write`` writes the page.
 """
 

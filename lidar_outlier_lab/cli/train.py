@@ -157,7 +157,8 @@ def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:
     _check_alone(options, '--profile' if options.profile else '--survey')
     scenes: Sequence[Any]
     if options.profile:
-        recipe, scenes = train_profile.RECIPE, train_profile.make_streets(progress)
+        recipe, streets = train_profile.RECIPE, train_profile.make_streets(progress)
+        scenes = streets
     else:
         recipe, scenes = train_survey.RECIPE, train_survey.make_scenes(progress)
     what, count = recipe.what, len(scenes)
@@ -167,6 +168,8 @@ def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:
         'trained_on': {f'{what}s': count, f'{what}_seeds': [0, count - 1]},
     }
     result = train_in_folds(scenes, recipe, about, options.seed, progress)
+    if options.profile:
+        result = result._replace(text=train_profile.add_mixed(streets, result.text, options.seed))
     return result.text, result.threshold, [_scenes_table(result.held_out, what)]
 
 

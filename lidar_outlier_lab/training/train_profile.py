@@ -1,8 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Train the trees that judge profile scanners on simulated streets; see :mod:`.folds`."""
+"""Train the trees that judge profile scanners on simulated streets; see :mod:`.folds`.
 
-from collections.abc import Callable, Iterator
+Mixed pixels train neither ensemble of :mod:`.folds`: they have one of their own.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -13,9 +17,14 @@ from lidar_outlier_filter.core.annotations import Bools, Ints, Progress, Rows, S
 from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
+    may_be_mixed,
     prepare_all,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL, Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    PROFILE_MODEL,
+    Trees,
+    read_trees,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
@@ -23,10 +32,10 @@ from lidar_outlier_filter.evaluation.truth import Cause, Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.simulation.world.drive import Drive, join, second_echoes, simulate
-from lidar_outlier_lab.training.folds import SceneRecipe
-from lidar_outlier_lab.training.learner import judge_pass, window_features
+from lidar_outlier_lab.training.folds import DIGITS, FOLDS, SceneRecipe
+from lidar_outlier_lab.training.learner import Drawn, judge_pass, learn, window_features
 
-STREETS = 96
+STREETS = 144
 # Good points that are few, or look like outliers, count more than their share.
 THIN = (Kind.WIRE, Kind.FENCE, Kind.FOLIAGE, Kind.POLE, Kind.SIGN, Kind.TERRAIN)
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
@@ -42,10 +51,14 @@ RECIPE = SceneRecipe(
     good_counts=5.0,
     rare_counts=0.5,
     limits=np.arange(0, 61) / 10.0,
-    most_lost=2e-4,
+    most_lost=1e-4,
     doubtful=-1.0,
-    bad_counts={Cause.MIXED: 0.5, Cause.BARRIER: 2.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
+    bad_counts={Cause.BARRIER: 2.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
+    neither={Cause.MIXED},
 )
+MIXED_ROUNDS, MIXED_GOOD, MIXED_BAD = 100, 8000, 2000  # trees; points of a street that are drawn
+MIXED_LIMITS = np.arange(-20, 61) / 10.0
+MIXED_LOST = 5e-5  # of a street's good points, the mean of streets that were left out
 
 
 class _Block(NamedTuple):
@@ -131,10 +144,64 @@ class Street:
             for before in (None if odds is None else odds[n],)
         ]
 
+    def between(self, first: Trees) -> tuple[Bools, Singles]:
+        """Return which points are mixed, and features, of those that trees on mixed pixels judge.
+
+        Outliers of other causes are left out.
+        """
+        mixed, found = [], []
+        for block in self._blocks():
+            values, pattern = block.values(None), block.prepared.pattern
+            score = np.zeros(len(pattern.order), np.float32)
+            score[pattern.order >= 0] = judge_pass(first, values, None)
+            asked = may_be_mixed(pattern, score)[pattern.order >= 0] & block.own
+            asked &= (block.code <= 0) | (block.code == Cause.MIXED)
+            mixed.append(block.code[asked] > 0)
+            found.append(values[:, asked])
+        return np.concatenate(mixed), np.concatenate(found, axis=1)
+
     def own(self, odds: list[Singles]) -> Singles:
         """Return the log-odds of the points that are of no halo."""
         pairs = zip(odds, self._judged, strict=True)
         return np.concatenate([some[own] for some, (own, _) in pairs])
+
+
+def add_mixed(streets: Sequence[Street], text: str, seed: int = 1) -> str:
+    """Add trees on mixed pixels to a model, whose threshold holds for them, too."""
+    data, rng = json.loads(text), np.random.default_rng(seed)
+    first = read_trees(data['first'], NAMES)
+    tables = [street.between(first) for street in streets]
+    drawn = [_drawn(*table, rng) for table in tables]
+    found, lost = [], []
+    for k in range(FOLDS):
+        some = [one for n, one in enumerate(drawn) if n % FOLDS != k]
+        trees = read_trees(learn(some, NAMES, MIXED_ROUNDS), NAMES)
+        for n in range(k, len(streets), FOLDS):
+            mixed, values = tables[n]
+            above = judge_pass(trees, values, None) > MIXED_LIMITS[:, None]
+            found.append(above[:, mixed].sum(axis=1))
+            lost.append(above[:, ~mixed].sum(axis=1) / np.count_nonzero(streets[n].cause == 0))
+    mean = np.mean(lost, axis=0)
+    at = int(np.flatnonzero(mean <= MIXED_LOST)[0])
+    total = sum(np.count_nonzero(street.cause == Cause.MIXED) for street in streets)
+    recall = float(np.sum(found, axis=0)[at] / total)
+    data['mixed'] = learn(drawn, NAMES, MIXED_ROUNDS)
+    data['mixed']['start'] += data['threshold'] - float(MIXED_LIMITS[at])
+    figures = {'found': recall, 'lost': float(mean[at]), 'worst': float(np.max(lost, axis=0)[at])}
+    data['held_out']['mixed'] = {name: round(value, DIGITS) for name, value in figures.items()}
+    return json.dumps(data, separators=(',', ':'))
+
+
+def _drawn(mixed: Bools, values: Singles, rng: np.random.Generator) -> Drawn:
+    """Draw good and mixed points of a street, which count as many as there are."""
+    rows, weights = [], []
+    for every, most in ((~mixed, MIXED_GOOD), (mixed, MIXED_BAD)):
+        index = np.flatnonzero(every)
+        some = rng.choice(index, min(most, len(index)), replace=False)
+        rows.append(some)
+        weights.append(np.full(len(some), len(index) / max(len(some), 1)))
+    row = np.concatenate(rows)
+    return Drawn(values[:, row], mixed[row], np.concatenate(weights))
 
 
 def make_streets(progress: Progress = lambda _done, _total, _what: None) -> list[Street]:

@@ -362,9 +362,11 @@ def test_command_for_profile_scanners(
     monkeypatch.setattr(train_profile, 'RECIPE', few)
     monkeypatch.setattr(profile_streets, 'SHOTS', 10_000)
     monkeypatch.setattr(profile_streets, 'SHORTEST', 0.2)
+    monkeypatch.setattr(profile_streets, 'BY_HEADS', 0.0)
     output = tmp_path / 'mine.json'
     assert main(['train', '--profile', '--output', str(output)]) == 0
     data = json.loads(output.read_text())
     assert data['trained_on'] == {'streets': 3, 'street_seeds': [0, 2]}
     assert data['streets'] == [f'profile street {n}' for n in range(3)]
+    assert data['held_out']['mixed']['lost'] <= train_profile.MIXED_LOST
     assert 'street left out' in capsys.readouterr().out

@@ -13,7 +13,11 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools
 from lidar_outlier_filter.core.detectors.boosted_trees.features import MIXED, REASON_NAMES, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import choose
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import scale, write_odds
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    scale,
+    stands_off,
+    write_odds,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
     MIXED_MODEL,
@@ -31,7 +35,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # Differences of range from the returns before and after, metres: the lesser and the greater of a
 # point that may be mixed are larger.
-MIN_LESSER, MIN_GREATER = np.float32(0.03), np.float32(0.12)
+MIN_LESSER, MIN_GREATER = 0.03, 0.12
 (REASON,) = (number for number, name in REASON_NAMES.items() if name in MIXED)
 
 
@@ -44,11 +48,7 @@ def _load() -> tuple[Trees, float]:
 
 def may_be_mixed(pattern: Pattern) -> Bools:
     """Return which positions (M,) of a pattern the trees judge: those that stand off in range."""
-    gap = np.abs(np.diff(pattern.range))
-    found = np.zeros(len(pattern.range), np.bool_)
-    found[1:-1] = np.minimum(gap[:-1], gap[1:]) > MIN_LESSER
-    found[1:-1] &= np.maximum(gap[:-1], gap[1:]) > MIN_GREATER
-    return found & (pattern.order >= 0)
+    return stands_off(pattern, MIN_LESSER, MIN_GREATER)
 
 
 def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:

@@ -6,6 +6,9 @@ The first pass has the features of each point's window alone. The second pass ju
 are not clearly good. It has also the scores of the first pass around them, and how many points have
 high ones. The model files say what the trees were trained on.
 
+Points between two surfaces resemble no other outlier, and have trees of their own where a model has
+them: the higher result counts.
+
 The reason of a rejected point is the feature that adds most to its score, as a number. Where that
 is the point's own result of the first pass, it is the strongest feature of that pass. Features
 that only say where outliers are likely are no reason, nor are those that trees do not ask about.
@@ -47,6 +50,9 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 )
 
 _NUMBERS = {name: number for number, name in REASON_NAMES.items()}
+# Trees on mixed pixels judge from these log-odds of the first pass on, and what stands off so far,
+# metres, from the returns beside it, the nearer and the other.
+MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-6.0), 0.02, 0.06
 
 
 class FoundPattern(NamedTuple):
@@ -111,9 +117,12 @@ def judge(
     odds = second_pass(prepared, first, trees.again, trees.doubtful, threads)
     known = odds[pattern.order >= 0]
     (own,) = find_valleys(known, np.array([trees.threshold]), trees.drop)
-    score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
+    between = mixed_odds(prepared, first, trees.mixed, threads)
+    every, is_mixed = np.maximum(odds, between), between > odds
+    score, rejected = scale(pattern, every, threshold * (float(own) - MIN_LOG_ODDS), threads)
     if reason is not None:
-        found = strongest_of_trees(prepared, first, trees, rejected, threads)
+        found = strongest_of_trees(prepared, first, trees, rejected & ~is_mixed, threads)
+        found[rejected & is_mixed] = _NUMBERS['between_surfaces']
         spread(pattern, found, reason)
     return score
 
@@ -156,6 +165,29 @@ def second_pass(
     result = first.score.copy()
     write_odds(prepared, first, first.score > np.float32(doubtful), trees, threads, result)
     return result
+
+
+def mixed_odds(prepared: Prepared, first: FirstPass, trees: Trees, threads: int = 0) -> Singles:
+    """Return the log-odds (M,) that each place is between two surfaces; without trees the least."""
+    result = np.full(len(first.score), MIN_LOG_ODDS, np.float32)
+    if len(trees.value) > 0:
+        asked = may_be_mixed(prepared.pattern, first.score)
+        write_odds(prepared, None, asked, trees, threads, result)
+    return result
+
+
+def may_be_mixed(pattern: Pattern, score: Singles) -> Bools:
+    """Return which places (M,) trees on mixed pixels judge."""
+    return stands_off(pattern, OFF_NEARER, OFF_OTHER) & (score > MIXED_FROM)
+
+
+def stands_off(pattern: Pattern, nearer: float, other: float) -> Bools:
+    """Return which places (M,) differ so much in range, metres, from both beside them."""
+    gap = np.abs(np.diff(pattern.range))
+    found = np.zeros(len(pattern.range), np.bool_)
+    found[1:-1] = np.minimum(gap[:-1], gap[1:]) > np.float32(nearer)
+    found[1:-1] &= np.maximum(gap[:-1], gap[1:]) > np.float32(other)
+    return found & (pattern.order >= 0)
 
 
 def measure(

@@ -78,6 +78,7 @@ class TreeModel(NamedTuple):
     doubtful : log-odds of the first pass above which the second judges a point
     threshold : log-odds above which a point is rejected
     drop : log-odds by which :func:`find_valleys` may lower the threshold of a block
+    mixed : trees on mixed pixels alone, which have the features of the first pass; not all have any
 
     """
 
@@ -86,6 +87,7 @@ class TreeModel(NamedTuple):
     doubtful: float
     threshold: float
     drop: float
+    mixed: Trees = NO_TREES
 
 
 @lru_cache
@@ -105,6 +107,7 @@ def load(name: str = PATTERN_MODEL) -> TreeModel:
         float(data['doubtful']),
         float(data['threshold']),
         float(data.get('drop', 0.0)),
+        read_trees(data['mixed'], names) if 'mixed' in data else NO_TREES,
     )
 
 
