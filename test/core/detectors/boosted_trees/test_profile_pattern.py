@@ -25,10 +25,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats
+from lidar_outlier_filter.core.detectors.boosted_trees import pattern_trees
 from lidar_outlier_filter.core.detectors.boosted_trees import profile_features as profile
-from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.features import (
+    PROFILE,
+    REASON_NAMES,
+    WINDOW,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge, measure
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PROFILE_MODEL, Trees, load
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points, concatenate
@@ -353,6 +358,30 @@ def test_strays_are_rejected(lines: int, mirror: Mirror | None) -> None:
 def scores(points: Points) -> Floats:
     """Judge points by their pattern, which there must be."""
     return judge(profile_pattern_of(points), 1.0, model=PROFILE_MODEL)
+
+
+def test_trees_on_mixed_pixels_judge_what_stands_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they reject everything, that is what is off both returns beside it, no more."""
+    model = load(PROFILE_MODEL)
+    sure = Trees(
+        np.zeros((1, 7), np.int32),
+        np.zeros((1, 7), np.float32),
+        np.full((1, 8), 50.0, np.float32),
+        np.float32(0.0),
+    )
+    monkeypatch.setattr(pattern_trees, 'MIXED_FROM', np.float32(-np.inf))
+    monkeypatch.setattr(pattern_trees, 'load_model', lambda _: model._replace(mixed=sure))
+    pattern = profile_pattern_of(Drive(10, 0.02, lines=20, shots=800, strays=0.005).points)
+    reason = np.zeros(np.count_nonzero(pattern.order >= 0), np.uint8)
+    found = judge(pattern, 1.0, model=PROFILE_MODEL, reason=reason) > 5
+    reach, between = pattern.range.tolist(), np.zeros(len(reason), np.bool_)
+    for place, index in enumerate(pattern.order.tolist()):
+        if index >= 0:
+            off = sorted(abs(reach[place] - reach[place + k]) for k in (-1, 1))
+            between[index] = off[0] > 0.02 and off[1] > 0.06
+    assert 0 < between.sum() < 0.3 * len(between)
+    assert_array_equal(found, between)
+    assert {REASON_NAMES[number] for number in reason[between].tolist()} == {'between_surfaces'}
 
 
 def test_copies_share_a_score() -> None:
