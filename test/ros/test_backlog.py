@@ -59,6 +59,8 @@ def test_changes_and_clouds_take_turns() -> None:
     inbox.close()
     assert left(inbox) == ['the last', 3]
     inbox.change(str)
+    inbox.order(str)
+    inbox.order(str, in_turn=True)
     assert not inbox.done
     inbox.close(discard=True)
     assert inbox.done
@@ -79,37 +81,6 @@ def test_bounded_by_memory() -> None:
     assert [inbox.put(cloud(size, size * 10**6)) for size in (4, 6, 5, 11)] == [0, 0, 2, 1]
     assert (inbox.clouds, inbox.size) == (1, 11_000_000)
     assert left(inbox) == [11]
-
-
-def test_closed_nothing_is_too_much() -> None:
-    """All that was received is filtered before the end."""
-    inbox = Inbox(LoadParameters(clouds=1))
-    inbox.put(cloud(0, 10))
-    inbox.order(lambda: 'in turn', in_turn=True)
-    inbox.close([cloud(1, 20), cloud(2, 30)])
-    assert inbox.closed
-    assert (inbox.clouds, inbox.size) == (3, 60)
-    assert left(inbox) == [0, 'in turn', 1, 2]
-    assert (inbox.clouds, inbox.size) == (0, 0)
-
-
-def test_after_the_end_all_is_dropped() -> None:
-    """Nobody would take it; nothing grows."""
-    inbox = Inbox(LoadParameters())
-    inbox.close()
-    assert inbox.put(cloud(1)) == 1
-    assert (left(inbox), inbox.clouds, inbox.size) == ([], 0, 0)
-
-
-def test_what_waits_can_be_discarded() -> None:
-    """Clouds and commands, of both kinds."""
-    inbox = Inbox(LoadParameters())
-    inbox.put(cloud(1))
-    inbox.order(lambda: 'at once')
-    inbox.order(lambda: 'in turn', in_turn=True)
-    inbox.close(discard=True)
-    assert inbox.done
-    assert (left(inbox), inbox.clouds, inbox.size) == ([], 0, 0)
 
 
 def test_the_end_comes_with_the_last_clouds() -> None:

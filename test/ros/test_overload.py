@@ -134,19 +134,6 @@ def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
     assert node.channels[0].health._missed['dropped'] == 19
 
 
-def test_pass_through(ros: Ros) -> None:
-    """From half of the queue on clouds pass unfiltered, in order, until nothing waits."""
-    node, sensor = start(ros, load__policy='pass_through')
-    with held_up(node):
-        send(ros, node, sensor, 9)
-    send(ros, node, sensor, 3, first=9)
-    node.finish()
-    expected = [0] * 8 + [1] * 4  # behind the ninth nothing waits
-    assert results(ros, sensor, 12) == list(enumerate(expected))
-    assert node.channels[0].statistics.bypassed == {'overload': 8}
-    assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
-
-
 def test_what_passes_waits_for_nobody(ros: Ros) -> None:
     """Clouds before it are published at once: their blocks would not be complete soon."""
     node, sensor = start(ros, load__policy='pass_through', block=0.1, max_delay=60.0)
