@@ -96,6 +96,20 @@ class Ros:
         assert future.done()
         return future.result()
 
+    def serve_while(self, condition: Callable[[], object]) -> None:
+        """Serve until a condition holds no more."""
+        end = time.monotonic() + TIMEOUT
+        while condition():
+            assert time.monotonic() < end
+            self.executor.spin_once(0.05)
+
+    def sensor(self, node: OutlierFilterNode, topic: str = '/points') -> 'Sensor':
+        """Start a filter, and a sensor that is connected to it."""
+        node.start()
+        sensor = Sensor(self, topic)
+        sensor.wait_for_filter(node)
+        return sensor
+
     def parameters(self) -> AsyncParameterClient:
         """Reach the parameters of the node through its services."""
         services = AsyncParameterClient(self.client, NODE_NAME)

@@ -30,8 +30,7 @@ class Player:
         self._clock: Publisher = ros.client.create_publisher(Clock, '/clock', 10)
         self.sensor = Sensor(ros, '/points')
         self.sensor.wait_for_filter(self.node)
-        while simulated and not self._clock.get_subscription_count():
-            ros.executor.spin_once(0.05)
+        ros.serve_while(lambda: simulated and not self._clock.get_subscription_count())
         self.sent = 0
 
     def set(self, seconds: float) -> None:
@@ -45,8 +44,7 @@ class Player:
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
         self._clock.publish(msg)
-        while self.node.get_clock().now().nanoseconds != now:
-            self.ros.executor.spin_once(0.05)
+        self.ros.serve_while(lambda: self.node.get_clock().now().nanoseconds != now)
 
     def send(self, seconds: float) -> None:
         """Send 10 ms of a line, and serve until the node has filtered or keeps it."""
@@ -161,8 +159,7 @@ def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
     inbox.wake = note  # type: ignore[method-assign]
     for seconds in (1.0, 4.0, 9.5):
         player.set_node(seconds)
-    while not player.node.channels[0].statistics.messages:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not player.node.channels[0].statistics.messages)
     assert woken == [9_500_000_000]
 
 

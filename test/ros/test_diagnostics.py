@@ -13,7 +13,6 @@ from helpers.nodes import (
     PLOTTED,
     Diagnosis,
     Ros,
-    Sensor,
     broken,
     flush,
     line,
@@ -35,9 +34,7 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
     """Counts, reasons, rates and times, as the node itself has them, under its name and topic."""
     smoother = ('-p', 'chain:=[alpha_beta_gamma]')
     node = ros.filter('-p', 'max_delay:=0.5', *smoother, namespace='front')
-    node.start()
-    sensor = Sensor(ros, '/front/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node, '/front/points')
     ros.diagnosis()  # from here on none is missed
     for number, msg in enumerate(sweeps, 1):
         sensor.publish(msg, expected=number)
@@ -85,9 +82,7 @@ def test_once_in_a_second(ros: Ros) -> None:
 def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """A row for the topic, and a column for each value, under its name."""
     node = ros.filter('-p', 'max_delay:=0.5')
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     sensor.publish(sweeps[0], expected=1)
     topic = '/outlier_filter_node/statistics'
     table = ros.wait_for_message(Float64MultiArray, topic, lambda table: table.data[0] > 0)
@@ -149,17 +144,14 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert node.channels[0].statistics.outliers == 2 * outliers > 0
     topic = node.channels[0].publisher.cleaned.topic_name
     ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.channels[0].publisher.cleaned.get_subscription_count():
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not node.channels[0].publisher.cleaned.get_subscription_count())
     assert taken(sweeps[1]) == [(True, False)]
     topic = node.channels[0].publisher.outliers.topic_name
     subscription = ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
-    while not node.channels[0].publisher.outliers.get_subscription_count():
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not node.channels[0].publisher.outliers.get_subscription_count())
     assert taken(sweeps[2]) == [(True, True)]
     ros.client.destroy_subscription(subscription)
-    while node.channels[0].publisher.outliers.get_subscription_count():
-        ros.executor.spin_once(0.05)
+    ros.serve_while(node.channels[0].publisher.outliers.get_subscription_count)
     assert taken(sweeps[3]) == [(True, False)]
 
 

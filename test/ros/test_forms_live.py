@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from helpers.clouds import cloud
-from helpers.nodes import Ros, Sensor
+from helpers.nodes import Ros
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.recordings.bags import Recording
@@ -37,9 +37,7 @@ def test_equal_bytes(ros: Ros, tmp_path: Path, name: str) -> None:
     assert sum(map(len, expected)) > 0
 
     node = ros.filter(parameters=CHAIN)
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     channel = node.channels[0]
     for sent, msg in enumerate(messages, 1):
         sensor.publish(msg, expected=len(messages))

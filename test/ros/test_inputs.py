@@ -45,8 +45,7 @@ def test_each_has_its_own_stream(ros: Ros) -> None:
         sensor.wait_for_outputs()
         assert [msg.width for msg in sensor.outliers] == [1, 1, 1]
     # The last cloud may still wait to be refused.
-    while node.channels[1].statistics.refused < 4:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: node.channels[1].statistics.refused < 4)
     assert [channel.statistics.resets for channel in node.channels] == [0, 0]
     assert [channel.statistics.refused for channel in node.channels] == [0, 4]
     node.finish()

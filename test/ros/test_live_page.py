@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers.browsers import new_tab
 from helpers.live import environment
-from helpers.nodes import Ros, Sensor
+from helpers.nodes import Ros
 from helpers.programs import Program
 from rclpy.executors import ExternalShutdownException
 
@@ -40,9 +40,7 @@ def served(ros: Ros, sweeps: list[PointCloud2], browser: Browser) -> Iterator[Se
     """Filter four sweeps of a VLP-16, and open the page; the node goes on meanwhile."""
     node = ros.filter(parameters={'blocks': 'message', 'scores': True, THRESHOLD: 0.5})
     server = serve_page(node)
-    node.start()
-    sensor = Sensor(ros, 'points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node, 'points')
     for count, sweep in enumerate(sweeps, 1):
         sensor.publish(sweep, count)
         sensor.wait_for_outputs()
@@ -50,8 +48,7 @@ def served(ros: Ros, sweeps: list[PointCloud2], browser: Browser) -> Iterator[Se
 
     def spin() -> None:
         with suppress(ExternalShutdownException):
-            while not stop.is_set():
-                ros.executor.spin_once(0.05)
+            ros.serve_while(lambda: not stop.is_set())
 
     spinning = threading.Thread(target=spin)
     spinning.start()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.nodes import Ros, Sensor, values
+from helpers.nodes import Ros, values
 from helpers.programs import TIMEOUT
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
@@ -124,8 +124,7 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
             result.set_result({item.name for item in event.changed_parameters})
 
     ros.client.create_subscription(ParameterEvent, '/parameter_events', note, 10)
-    while not node.count_subscribers('/parameter_events'):
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not node.count_subscribers('/parameter_events'))
     output = ros.call(Trigger, 'reset', Trigger.Request())
     changed = ['gap_factor', 'alpha_beta_gamma.before', 'alpha_beta_gamma.order']
     assert (output.success, output.message) == (
@@ -154,12 +153,9 @@ def test_changes_are_logged_once(ros: Ros, capfd: pytest.CaptureFixture[str]) ->
 def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Off, clouds pass as they are, in order, counted; what waited is judged."""
     node = ros.filter('-p', 'max_delay:=600.0', *SMOOTHER)
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     sensor.publish(sweeps[0], expected=1)
-    while node.channels[0].statistics.messages + node.channels[0].waiting == 0:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: node.channels[0].statistics.messages + node.channels[0].waiting == 0)
     output = ros.call(SetBool, 'enable', SetBool.Request(data=False))
     assert (output.success, output.message) == (True, 'clouds pass unfiltered')
     for number in (1, 2):
@@ -167,8 +163,7 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
         sensor.wait_for_outputs()
     assert ros.call(SetBool, 'enable', SetBool.Request(data=True)).message == 'filtering'
     sensor.publish(sweeps[3], expected=4)
-    while node.channels[0].statistics.messages + node.channels[0].waiting == 3:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: node.channels[0].statistics.messages + node.channels[0].waiting == 3)
     node.finish()
     sensor.wait_for_outputs()
     assert [msg.header for msg in sensor.cleaned] == [msg.header for msg in sweeps]
@@ -265,7 +260,6 @@ def test_a_change_that_is_begun_is_waited_for(ros: Ros, monkeypatch: pytest.Monk
     said: list[str] = []
     page = threading.Thread(target=lambda: said.append(NodeAccess(node).set({NAME: '7.5'})))
     page.start()
-    while page.is_alive():
-        ros.executor.spin_once(0.05)
+    ros.serve_while(page.is_alive)
     assert said == ['']
     assert node.get_parameter(NAME).value == 7.5

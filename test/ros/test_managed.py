@@ -53,14 +53,12 @@ def send(ros: Ros, node: ManagedFilterNode, sensor: Sensor, first: int, count: i
     before = channel.statistics.messages + channel.waiting
     for number in range(first, first + count):
         sensor.publish(line(0.01 * number), expected=10**9)
-    while channel.statistics.messages + channel.waiting < before + count:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: channel.statistics.messages + channel.waiting < before + count)
 
 
 def receive(ros: Ros, sensor: Sensor, count: int) -> None:
     """Serve until so many clouds have both outputs."""
-    while min(len(sensor.cleaned), len(sensor.outliers)) < count:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: min(len(sensor.cleaned), len(sensor.outliers)) < count)
 
 
 def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:

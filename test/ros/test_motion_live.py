@@ -39,8 +39,7 @@ def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, Pu
     sensor = Sensor(ros, '/points')
     odometry = ros.client.create_publisher(Odometry, '/odom', 1000)
     sensor.wait_for_filter(node)
-    while not odometry.get_subscription_count():
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not odometry.get_subscription_count())
     return node, sensor, odometry
 
 
@@ -52,14 +51,12 @@ def test_live(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=60.0)
     for msg in clouds:
         sensor.publish(msg, expected=len(clouds))
-    while node.channels[0].waiting < len(clouds):
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: node.channels[0].waiting < len(clouds))
     for msg in odometry:
         publisher.publish(msg)
         ros.executor.spin_once(0.0)
     publisher.wait_for_all_acked()
-    while node.channels[0].statistics.messages < len(clouds) - 1:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: node.channels[0].statistics.messages < len(clouds) - 1)
     node.finish()
     sensor.wait_for_outputs()
     assert [msg.header for msg in sensor.outliers] == [msg.header for msg in clouds]
@@ -96,8 +93,7 @@ def test_poses_wake_the_thread(ros: Ros) -> None:
     drive = Drive(0.2)
     node, sensor, publisher = start(ros, max_delay=60.0, blocks='message')
     sensor.publish(drive.clouds(drive.own)[0], expected=1)
-    while not node.channels[0]._filter.pending:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not node.channels[0]._filter.pending)
     wait_for_thread(node)
     for pose in drive.odometry():
         publisher.publish(pose)
@@ -112,8 +108,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=60.0)
     channel = node.channels[0]
     sensor.publish(msg, expected=1)
-    while not channel._filter.pending:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: not channel._filter.pending)
     wait_for_thread(node)
     go_on = hold_up(node)
     later = channel._clock.now() + 60 * SECOND
@@ -121,9 +116,9 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     for pose in odometry:
         publisher.publish(pose)
     last = nanoseconds(odometry[-1])
-    assert channel._motion is not None
-    while not channel._motion.reaches(last, ''):
-        ros.executor.spin_once(0.05)
+    motion = channel._motion
+    assert motion is not None
+    ros.serve_while(lambda: not motion.reaches(last, ''))
     go_on.set()
     sensor.wait_for_outputs()
     assert node.channels[0].statistics.without_pose == 0

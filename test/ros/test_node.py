@@ -11,7 +11,6 @@ from helpers.clouds import SECOND
 from helpers.nodes import (
     NO_CLOUD,
     Ros,
-    Sensor,
     broken,
     flush,
     line,
@@ -125,9 +124,7 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
 def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """A live cloud whose block never completes is published in time; the stream goes on."""
     node = ros.filter('-p', 'max_delay:=0.3')
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     waits = []
     for number, msg in enumerate(sweeps, 1):
         begin = time.monotonic()
@@ -145,9 +142,7 @@ def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2
 def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
     """Clouds that come while others wait do not put the deadline off, whatever is refused."""
     node = ros.filter('-p', 'max_delay:=60.0')
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     channel = node.channels[0]
 
     def deadline_after(msg: PointCloud2 | bytes) -> int:
@@ -176,9 +171,7 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     expected = [result for msg in sweeps for result in process(direct, msg)] + flush(direct)
     reliable = 'qos_overrides./points.subscription.reliability:=reliable'
     node = ros.filter('-p', reliable, parameters=STRICT)
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     for msg in (NO_CLOUD, *sweeps):
         sensor.publish(msg, expected=4)
     assert sensor._publisher.wait_for_all_acked()

@@ -56,8 +56,7 @@ def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor]:
 
 def results(ros: Ros, sensor: Sensor, count: int) -> list[tuple[int, int]]:
     """Serve until there are so many outputs: number of the cloud, and its outliers."""
-    while len(sensor.outliers) < count:
-        ros.executor.spin_once(0.05)
+    ros.serve_while(lambda: len(sensor.outliers) < count)
     return [(_number(msg), msg.width) for msg in sensor.outliers]
 
 
@@ -126,8 +125,7 @@ def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
         send(ros, node, sensor, 20)
         clock = node.channels[0]._clock
         oldest = node.channels[0].worker.inbox._items[18].at  # type: ignore[union-attr]
-        while clock.now() - oldest < 0.4e9:
-            ros.executor.spin_once(0.05)
+        ros.serve_while(lambda: clock.now() - oldest < 0.4e9)
     node.finish()
     # The newest is filtered: nothing is gained by dropping it.
     assert results(ros, sensor, 1) == [(19, 1)]
@@ -321,8 +319,7 @@ def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
     send(ros, node, sensor, 3)
     stopping = threading.Thread(target=channel.stop)
     stopping.start()
-    while not channel.worker.inbox.closed:
-        ros.executor.spin_once(0.01)
+    ros.serve_while(lambda: not channel.worker.inbox.closed)
     send(ros, node, sensor, 1)
     go_on.set()
     stopping.join(TIMEOUT)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.clouds import SECOND, STAMP, cloud, table
 from helpers.drives import content
-from helpers.nodes import Ros, Sensor, line, receive, wait_for_thread
+from helpers.nodes import Ros, line, receive, wait_for_thread
 from helpers.replays import check_outputs, write_drive
 from helpers.replays import cloud as sweep
 from helpers.streams import BLOCK, HALO, TaggedCloud, held, points_at, push, stream
@@ -173,9 +173,7 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
 def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     """The clouds are refused, the next one is published; diagnostics and log say why."""
     node = ros.filter(parameters=SHORT)
-    node.start()
-    sensor = Sensor(ros, '/points')
-    sensor.wait_for_filter(node)
+    sensor = ros.sensor(node)
     messages = [line(0), far(0.01), far(0.02), line(0.03), line(0.04)]
     for msg in messages:
         sensor.publish(msg, expected=2)
