@@ -86,14 +86,17 @@ GOOD: dict[str, Arguments] = {
     'judge_patches': (HOOD.xyz, np.ones(300), INDEX, ALL, ALL, 0, 300, RULES, FOUND),
 }
 # Arguments, and members of them, of which less may be given: so much less is read.
-MAY_BE_LESS = {
-    *(('predict_in_tiles', 3, 0), ('predict_one_by_one', 0, 0), ('estimate_precision', 1, 0)),
-    *(('unlink_points', 0, 0), ('find_line_copies', 0, 3), ('write_ranges', 3, 0)),
-    *(('write_directions', 0, 3), ('turning_rate', 2, 0), ('times_of_turn', 0, 0)),
-    *(('find_peaks', 0, 0), ('search_nearest', 2, 0), ('search_nearest', 5, 0)),
-    *(('sort_leaves', 2, 0), ('judge_sections', 3, 0), ('judge_sections', 5, 0)),
-    *(('judge_sections', 5, 1), ('judge_patches', 2, 0), ('judge_patches', 7, 0)),
-    ('judge_patches', 7, 1),
+LISTS = {
+    *(('estimate_precision', 1, 0), ('unlink_points', 0, 0), ('find_line_copies', 0, 3)),
+    *(('write_directions', 0, 3), ('turning_rate', 2, 0), ('find_peaks', 0, 0)),
+    *(('search_nearest', 2, 0), ('sort_leaves', 2, 0), ('judge_sections', 3, 0)),
+    *(('judge_sections', 5, 0), ('judge_sections', 5, 1)),
+    *(('judge_patches', 7, 0), ('judge_patches', 7, 1)),
+}
+ROWS_OF = {('write_ranges', 3, 0), ('times_of_turn', 0, 0)}
+COLUMNS_OF = {
+    *(('predict_in_tiles', 3, 0), ('predict_one_by_one', 0, 0)),
+    *(('search_nearest', 5, 0), ('judge_patches', 2, 0)),
 }
 KINDS: tuple[Callable[[Any], Any], ...] = (
     lambda array: array.astype(np.complex64),
@@ -101,9 +104,9 @@ KINDS: tuple[Callable[[Any], Any], ...] = (
     lambda array: array.repeat(2, 0)[::2],
     lambda array: array.tolist(),
 )
-SHORTER: tuple[Callable[[Any], Any], ...] = (
-    lambda array: array[:-1].copy(),
-    lambda array: array[..., :-1].copy(),
+SHORTER: tuple[tuple[Callable[[Any], Any], set[tuple[str, int, int]]], ...] = (
+    (lambda array: array[:-1].copy(), LISTS | ROWS_OF),
+    (lambda array: array[..., :-1].copy(), LISTS | COLUMNS_OF),
 )
 
 
@@ -134,20 +137,24 @@ def variants(name: str, change: Callable[[Any], Any]) -> Iterator[tuple[int, int
 
 @pytest.mark.parametrize('name', GOOD)
 def test_arrays_of_another_kind_are_refused(name: str) -> None:
-    """Neither another type, nor other dimensions, nor rows apart, nor lists are converted."""
+    """Nothing is converted: types, dimensions, rows apart, lists, tuples with a member less."""
     call(name, GOOD[name])
     for change in KINDS:
         for *_, arguments in variants(name, change):
             with pytest.raises(TypeError):
                 getattr(_kernels, name)(*arguments)
+    for i, argument in enumerate(GOOD[name]):
+        if isinstance(argument, tuple):
+            with pytest.raises(TypeError):
+                call(name, (*GOOD[name][:i], tuple(argument)[:-1], *GOOD[name][i + 1 :]))
 
 
 @pytest.mark.parametrize('name', GOOD)
 def test_arrays_that_do_not_fit_together_are_refused(name: str) -> None:
     """An array without its last row, or its last column, does not fit the others."""
-    for change in SHORTER:
+    for change, may_be_less in SHORTER:
         for i, at, arguments in variants(name, change):
-            if (name, i, at) not in MAY_BE_LESS:
+            if (name, i, at) not in may_be_less:
                 with pytest.raises(ValueError, match='must'):
                     call(name, arguments)
 
