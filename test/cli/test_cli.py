@@ -184,22 +184,22 @@ def test_progress_on_a_terminal_only(drive: Path, tmp_path: Path) -> None:
     """A terminal sees a bar, a file does not."""
     command = [*RUN, 'replay', str(drive), '--output']
     plain = subprocess.run([*command, str(tmp_path / 'a')], capture_output=True, check=True)
-    leader, terminal = pty.openpty()
-    shown = [*command, str(tmp_path / 'b')]
-    with subprocess.Popen(shown, stdout=subprocess.PIPE, stderr=terminal) as process:
-        os.close(terminal)
-        screen, _ = read_terminal(leader), process.communicate()
-    assert process.returncode == 0
+    screen = on_a_terminal([*command, str(tmp_path / 'b')])
     assert BAR in screen
     assert BAR not in plain.stderr
 
 
-def read_terminal(leader: int) -> bytes:
-    """Read all that is written to a terminal, which ends with an error."""
-    screen = b''
-    with os.fdopen(leader, 'rb', buffering=0) as file, suppress(OSError):
-        while part := file.read(4096):
-            screen += part
+def on_a_terminal(command: list[str]) -> bytes:
+    """Run a command that must succeed; return what its terminal shows."""
+    leader, terminal = pty.openpty()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen = b''
+        with os.fdopen(leader, 'rb', buffering=0) as file, suppress(OSError):
+            while part := file.read(4096):
+                screen += part
+        process.communicate()
+    assert process.returncode == 0
     return screen
 
 
@@ -247,12 +247,7 @@ def test_bar_of_a_file_that_is_markup(tmp_path: Path) -> None:
     """So are those that a bar names."""
     path = tmp_path / '[red]a[b].csv'
     path.write_text('x,y,z\n' + '1,2,3\n4,5,6\n' * 30)
-    leader, terminal = pty.openpty()
-    command = [*RUN, 'clean', str(path), '--chain', 'sor']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal) as process:
-        os.close(terminal)
-        screen, _ = read_terminal(leader), process.communicate()
-    assert process.returncode == 0
+    screen = on_a_terminal([*RUN, 'clean', str(path), '--chain', 'sor'])
     assert b'[red]a[b].csv' in screen
 
 
