@@ -31,8 +31,8 @@ from lidar_outlier_filter.recordings.replay import replay
 Note = Callable[[float], object]  # the share that is done; may raise to stop
 Inform = Callable[[str], object]
 
-HERE = 'this process'  # the worker of a record
-STEPS = ('reading', 'judging', 'writing')  # of a file
+THIS_PROCESS = 'this process'  # the worker of a record
+STEP_NAMES = ('reading', 'judging', 'writing')  # of a file
 THE_FILE = 'the file'  # the one cloud of a file, where a recording has topics
 
 
@@ -131,7 +131,7 @@ class Job(ABC):
             task.location.state,
             parameters=self.fingerprint,
             code=code_version(),
-            worker=HERE,
+            worker=THIS_PROCESS,
         )
 
     @abstractmethod
@@ -201,7 +201,7 @@ class CleanJob(Job):
             yield [folder / path.name for path in paths]
 
         def progress(done: int, total: int, step: str) -> None:
-            note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
+            note((STEP_NAMES.index(step) + done / max(total, 1)) / len(STEP_NAMES))
 
         def inspect(judged: JudgedFile) -> None:
             if listed is not None:

@@ -21,7 +21,7 @@ from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePat
 State = tuple[int, str]  # bytes, and what changes with the content
 
 METADATA = 'metadata.yaml'  # in the folder of a ROS 2 recording
-SUFFIXES = ('.mcap', '.db3', '.bag')
+RECORDING_SUFFIXES = ('.mcap', '.db3', '.bag')
 MAX_STAGED_BYTES = 64 * 2**30
 PATTERN = '*?['
 _MARKS = ('ETag', 'etag', 'version_id', 'LastModified', 'mtime', 'created')
@@ -77,7 +77,7 @@ def is_recording(path: RecordingPath) -> bool:
     One that was not closed has no metadata, but files that are named after its folder.
     """
     if not path.is_dir():
-        return path.suffix in SUFFIXES
+        return path.suffix in RECORDING_SUFFIXES
     return (path / METADATA).exists() or any(
         one.suffix in {'.mcap', '.db3'} and one.name.startswith(path.name) for one in path.iterdir()
     )
@@ -156,7 +156,7 @@ def _recordings(path: RecordingPath) -> Iterator[Location]:
             continue
         if str(file.parent) in folders:
             groups.setdefault(str(file.parent), {})[file] = state
-        elif file.suffix in SUFFIXES:
+        elif file.suffix in RECORDING_SUFFIXES:
             yield _location(file, {file: state})
     for group in groups.values():
         yield _location(next(iter(group)).parent, group)

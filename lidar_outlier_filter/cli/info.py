@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from lidar_outlier_filter.archive.locations import SUFFIXES, location_of, path_at, staged
+from lidar_outlier_filter.archive.locations import RECORDING_SUFFIXES, location_of, path_at, staged
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -34,7 +34,11 @@ def run_info(options: argparse.Namespace) -> int:
     if not 0 <= options.sample < math.inf:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
     path = path_at(options.path)
-    if isinstance(path, Path) and not path.is_dir() and path.suffix.lower() not in SUFFIXES:
+    if (
+        isinstance(path, Path)
+        and not path.is_dir()
+        and path.suffix.lower() not in RECORDING_SUFFIXES
+    ):
         _show_file(path)
         return DONE
     # Files need no rosbags.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
+from lidar_outlier_filter.archive.locations import RECORDING_SUFFIXES, path_at
 from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
 from lidar_outlier_filter.cli.arguments import check_accepted_share, check_workers
 from lidar_outlier_filter.cli.tables import say_implausible
@@ -31,7 +31,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.own_vehicle import LearntMask, learn_mask
 from lidar_outlier_filter.recordings.replay import ReplayReport
 
-MAX_REASONS = 5  # of losses, that are said in full
+SHOWN_REASONS = 5  # of losses, that are said in full
 
 
 def run_replay(options: argparse.Namespace) -> int:
@@ -47,7 +47,11 @@ def run_replay(options: argparse.Namespace) -> int:
         report = replay_one(options)
     except RecordingError as err:
         path = path_at(options.recording)
-        if not err.is_damage or options.salvage or not (path.is_dir() or path.suffix in SUFFIXES):
+        if (
+            not err.is_damage
+            or options.salvage
+            or not (path.is_dir() or path.suffix in RECORDING_SUFFIXES)
+        ):
             raise
         say(f'{err}; --salvage filters what can be read of it')
         return REFUSED
@@ -73,7 +77,7 @@ def _show(report: ReplayReport) -> None:
             say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:
         counts = f'{report.lost.messages} messages and {report.lost.chunks} chunks'
-        reasons = '; '.join(report.lost.said(MAX_REASONS))
+        reasons = '; '.join(report.lost.said(SHOWN_REASONS))
         say(f'lost of the recording: at least {counts}: {reasons}')
     say_unread(report.unread)
 

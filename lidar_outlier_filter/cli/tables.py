@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.worst import Worst
 
 MAX_ROWS = 1000  # of a table: more take a terminal seconds
-MAX_NAMES = 5  # of recordings without clouds, in the last line
+SHOWN_NAMES = 5  # of recordings without clouds, in the last line
 # Of ASPRS (LAS 1.4, table 17); 12 is reserved.
 CLASSES = {
     0: 'never classified',
@@ -50,7 +50,7 @@ CLASSES = {
 # By a rule in metres.
 LOW_POINTS = 'to find more, try --chain boosted_trees,elevation --set elevation.against=ground'
 NOTABLE_SHARE = 0.005  # share of the points that rarely are outliers
-MAX_GROUPS = 10  # that are listed
+SHOWN_GROUPS = 10  # that are listed
 
 
 def show_replayed(
@@ -80,8 +80,8 @@ def print_counts(
     counts = f'{len(done) - before} {job.done}, {before} done before'
     counts += f', {len(failed)} {job.failed}, {lacking} incomplete'
     if empty:
-        names = ', '.join(record.source for record in empty[:MAX_NAMES])
-        more = f' and {len(empty) - MAX_NAMES:,} more' if len(empty) > MAX_NAMES else ''
+        names = ', '.join(record.source for record in empty[:SHOWN_NAMES])
+        more = f' and {len(empty) - SHOWN_NAMES:,} more' if len(empty) > SHOWN_NAMES else ''
         counts += f', {len(empty)} without clouds: {names}{more}'
     show(counts)
 
@@ -308,7 +308,7 @@ def _table_of_groups(worst: Mapping[Path, Worst]) -> Table:
     table = numbers('group', 'points', 'x', 'y', 'z', 'across, m', 'height, m')
     found = [(path, group) for path, one in worst.items() for group in one.groups]
     found.sort(key=lambda item: -item[1].count)
-    for number, (path, group) in enumerate(found[:MAX_GROUPS], 1):
+    for number, (path, group) in enumerate(found[:SHOWN_GROUPS], 1):
         name = f'{number}' if len(worst) == 1 else f'{number} {path.name}'
         position = (f'{value:.1f}' for value in group.middle)
         sizes = (f'{value:.2f}' for value in (group.across, group.height))

@@ -26,7 +26,7 @@ from lidar_outlier_filter.errors import FilterError, refusing
 
 FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
 LOCK = '.lock-of-the-run'
-NAMES = '.names-of-the-run'  # lists what a run that gives several names was about to do
+NAMES_FILE = '.names-of-the-run'  # lists what a run that gives several names was about to do
 _GONE = '-gone'  # ends the name of a folder that is being removed
 _HERE = -100  # AT_FDCWD: relative paths begin at the working folder
 _NO_REPLACE = 1  # RENAME_NOREPLACE
@@ -183,7 +183,7 @@ def new_files(paths: Sequence[Path], must_be: str = FILE) -> Iterator[list[Path]
                 [str(one.absolute()) for one in pair] for pair in zip(hidden, paths, strict=True)
             ]
             for one in hidden:
-                (one.parent / NAMES).write_text(json.dumps(pairs), encoding='utf-8')
+                (one.parent / NAMES_FILE).write_text(json.dumps(pairs), encoding='utf-8')
         with ExitStack() as undo:  # where one is refused, those before it lose their names
             for built, path in zip(hidden, paths, strict=True):
                 with writable(path):
@@ -197,7 +197,7 @@ def _finish_killed(path: Path) -> None:
     for folder in _hidden_beside(path):
         with suppress(OSError, ValueError), (folder / LOCK).open('r+b') as lock:
             _take(lock)
-            pairs = [[*map(Path, pair)] for pair in json.loads((folder / NAMES).read_bytes())]
+            pairs = [[*map(Path, pair)] for pair in json.loads((folder / NAMES_FILE).read_bytes())]
             # Where somebody removed an output, the others are old.
             if all(os.path.lexists(built) or os.path.lexists(path) for built, path in pairs):
                 for built, named in pairs:

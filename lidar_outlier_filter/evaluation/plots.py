@@ -20,7 +20,7 @@ INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 DASHES = ('-', '--', '-.', ':')
 ABOUT_DOT = ', dot: as it was run'
-SUFFIXES = ('.png', '.svg')
+PICTURE_SUFFIXES = ('.png', '.svg')
 DPI = 130
 MAX_DECADES = 6
 MAX_CURVES_INSIDE = 5  # curves that a legend can name without hiding them
@@ -138,7 +138,7 @@ def legend(figure: Figure, axes: Axes, where: str) -> None:
 def save(figure: Figure, path: Path) -> list[Path]:
     """Write the picture in all forms; without a date and with fixed names inside."""
     FigureCanvasAgg(figure)
-    files = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
+    files = [path.with_name(path.name + suffix) for suffix in PICTURE_SUFFIXES]
     with (
         refusing(RecordingError, f'the picture {path}', 'written', OSError),
         rc_context({'svg.hashsalt': path.name}),

@@ -31,7 +31,7 @@ from lidar_outlier_filter.evaluation.truth import Kind
 
 STRETCHES = 20  # that a recording is cut into
 SURFACES = Codes(names={kind: words(kind.name) for kind in Kind})
-RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
+RANGE_BANDS_M = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,10 @@ def _ranges(points: Judged) -> dict[str, Confusion]:
     """Count by range; nothing where all points are in one of them, as in a georeferenced cloud."""
     if points.range is None:
         return {}
-    band = np.searchsorted(RANGES, points.range, side='right') - 1
-    counts = tally(points.bad, points.rejected, band, len(RANGES))
-    names = [f'{low:g} to {high:g} m' for low, high in pairwise(RANGES)]
-    names.append(f'{RANGES[-1]:g} m and more')
+    band = np.searchsorted(RANGE_BANDS_M, points.range, side='right') - 1
+    counts = tally(points.bad, points.rejected, band, len(RANGE_BANDS_M))
+    names = [f'{low:g} to {high:g} m' for low, high in pairwise(RANGE_BANDS_M)]
+    names.append(f'{RANGE_BANDS_M[-1]:g} m and more')
     found = {
         name: Confusion(*row) for name, row in zip(names, counts.tolist(), strict=True) if any(row)
     }

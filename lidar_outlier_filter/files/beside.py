@@ -18,7 +18,7 @@ from lidar_outlier_filter.files.cloud_file import CloudFile, open_cloud
 from lidar_outlier_filter.files.points import CLASSIFICATION, Loaded
 
 _NUMBER = re.compile(r'^EPSG:\d+ ')  # some files name the number of a system, others do not
-SUFFIXES = ('.las', '.laz')
+LAS_SUFFIXES = ('.las', '.laz')
 
 
 def judge_with_buffer(
@@ -88,7 +88,7 @@ def _tiles_at(own: Path, low: Floats, high: Floats) -> Iterator[Path]:
     from lidar_outlier_filter.files.las_header import read_box  # noqa: PLC0415
 
     for path in sorted(own.absolute().parent.iterdir()):
-        if path.suffix.lower() not in SUFFIXES or not path.is_file() or path.samefile(own):
+        if path.suffix.lower() not in LAS_SUFFIXES or not path.is_file() or path.samefile(own):
             continue
         box = read_box(path)
         if box is not None and (box[0] <= high).all() and (box[1] >= low).all():

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Bools, Columns, Floats, Ints
 
 EDGE, DIRECTION = 'edge_of_flight_line', 'scan_direction_flag'
-ANGLES = ('scan_angle', 'scan_angle_rank')
+ANGLE_FIELDS = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
 USER_DATA = 'user_data'  # where it makes lines much longer, it tells scanners apart
-MIRROR = (EDGE, DIRECTION, *ANGLES)
+MIRROR = (EDGE, DIRECTION, *ANGLE_FIELDS)
 SCANNERS = (*SOURCES, USER_DATA)
 LAS_COLUMNS = (*MIRROR, *SCANNERS)
 ANGLE_NOISE = 12  # a step smaller than this part of the angle's span may be noise

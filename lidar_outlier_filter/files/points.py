@@ -22,7 +22,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.files.mirror_lines import (
-    ANGLES,
+    ANGLE_FIELDS,
     LAS_COLUMNS,
     SCANNERS,
     SOURCES,
@@ -32,7 +32,7 @@ from lidar_outlier_filter.files.mirror_lines import (
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 GPS_TIME, CLASSIFICATION = 'gps_time', 'classification'
-SCAN, GRID = 'scan', ('column', 'row')  # of E57
+SCAN_COLUMN, GRID = 'scan', ('column', 'row')  # of E57
 MAX_TABLE = 1 << 20  # entries of a table of numbers, far fewer than points whose sorting takes long
 GRID_SHOT_NS = 1000  # between rows of a grid: how long a shot took is not known
 
@@ -213,7 +213,7 @@ def _timing(file: CloudFile, parameters: FilterParameters, *, timed: bool) -> li
         *_named(file, parameters.line_field, 'line_field', usual.LINES),
         *(_named(file, name, parameter)[0] for name, parameter in others if name),
         *(name for name in LAS_COLUMNS if times and name in file.columns),
-        *(name for name in (SCAN, *GRID) if not times and name in file.columns),
+        *(name for name in (SCAN_COLUMN, *GRID) if not times and name in file.columns),
         *(_usual(file, usual.INTENSITIES)[:1] if reads(parameters, 'intensity') else ()),
     ]
 
@@ -294,7 +294,7 @@ def _grid(file: CloudFile, columns: Columns) -> tuple[Ints, Ints] | None:
     """
     if all(name in columns for name in GRID):
         scan, column, row = (
-            cloud_file.filled(columns[name]).astype(np.int64) for name in (SCAN, *GRID)
+            cloud_file.filled(columns[name]).astype(np.int64) for name in (SCAN_COLUMN, *GRID)
         )
         return number_rows([scan, column]), row - row.min(initial=0)
     if not file.grids:
@@ -384,9 +384,9 @@ def _lines(
         return usual.whole_numbers(columns[name], valid, f'column {name!r}'), name, notes
     angle = parameters.angle_field
     if source == 'angle' and not angle:
-        angle = next((name for name in ANGLES if name in columns), '')
+        angle = next((name for name in ANGLE_FIELDS if name in columns), '')
         if not angle:
-            must_be = f'one of {", ".join(ANGLES)}, or angle_field given'
+            must_be = f'one of {", ".join(ANGLE_FIELDS)}, or angle_field given'
             raise CloudError('the angle column', must_be, f'the columns {", ".join(file.columns)}')
     plain = {name: cloud_file.filled(values) for name, values in columns.items()}
     return *find_lines(t, plain, angle), notes

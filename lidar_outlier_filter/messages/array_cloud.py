@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.annotations import Rows
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import DATATYPES, FORMATS, SCORE_FIELDS, laid_out
+from lidar_outlier_filter.messages.cloud import DATATYPES, DTYPES, SCORE_FIELDS, laid_out
 from lidar_outlier_filter.messages.laser_scan import as_cloud, is_scan
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
@@ -43,7 +43,7 @@ class ArrayCloud(SimpleNamespace):
         columns = {name: fields[name][:2] for name in given.names or ()}
         order = '>' if self.is_bigendian else '<'
         for item in self.fields[-len(SCORE_FIELDS) :]:
-            columns[item.name] = (order + FORMATS[item.datatype], item.offset)
+            columns[item.name] = (order + DTYPES[item.datatype], item.offset)
         return laid_out(columns, self.point_step)
 
 

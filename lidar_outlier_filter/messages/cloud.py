@@ -20,12 +20,12 @@ from lidar_outlier_filter.core.verdict import DETECTORS, EXTRA, REASON, SCORE, V
 from lidar_outlier_filter.errors import CloudError
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
-FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
+DTYPES = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
-DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(FORMATS[:11]) if name}}
+DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(DTYPES[:11]) if name}}
 AXES = ('x', 'y', 'z')
 MAX_LAYOUTS = 64  # of one topic, which has one or two
-MAX_NAMES = 10_000  # characters of the names of all fields
+MAX_NAME_CHARS = 10_000  # characters of the names of all fields
 NUMBER = 'outlier_detector_number'
 # What `scores` adds behind each point, by numpy's names of the types
 SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1', REASON: 'u1'}
@@ -52,8 +52,8 @@ def structured(msg: Any) -> Rows:
         raise CloudError('data', must_be, len(msg.data))
     fields = tuple((item.name, item.datatype, item.offset, item.count) for item in msg.fields)
     length = sum(len(name) for name, *_ in fields)
-    if length > MAX_NAMES:
-        raise CloudError('the names of the fields', f'at most {MAX_NAMES} characters', length)
+    if length > MAX_NAME_CHARS:
+        raise CloudError('the names of the fields', f'at most {MAX_NAME_CHARS} characters', length)
     dtype = _dtype(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
     shape, strides = (msg.height, msg.width), (msg.row_step, msg.point_step)
     return np.ndarray(shape, dtype, np.frombuffer(msg.data, np.uint8), 0, strides)
@@ -66,7 +66,7 @@ def _dtype(
     """Check the fields of a cloud and make their dtype."""
     columns: dict[str, tuple[Any, int]] = {}
     for name, datatype, offset, count in fields:
-        if not 1 <= datatype < len(FORMATS):
+        if not 1 <= datatype < len(DTYPES):
             raise CloudError('the datatype of a field', 'from 1 to 11', f'{datatype} for {name!r}')
         if count < 1:
             raise CloudError('the count of a field', 'at least 1', f'{count} for {name!r}')
@@ -74,7 +74,7 @@ def _dtype(
             raise CloudError('the names of the fields', 'given and different', repr(name))
         if name in AXES and count > 1:
             raise CloudError(f'field {name!r}', 'a single number', count)
-        kind = np.dtype(('>' if is_bigendian else '<') + FORMATS[datatype])
+        kind = np.dtype(('>' if is_bigendian else '<') + DTYPES[datatype])
         end = offset + kind.itemsize * count
         if end > point_step:
             must_be = f'at least {end}, the end of field {name!r}'

@@ -30,7 +30,7 @@ from lidar_outlier_filter.messages.laser_scan import TIME_FIELD, TIME_UNIT, Scan
 from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-SCAN = 'scan'  # the source of lines of a 2-D scanner, whose messages are lines
+SCAN_SOURCE = 'scan'  # the source of lines of a 2-D scanner, whose messages are lines
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Convention:
     @property
     def is_message(self) -> bool:
         """Whether each message is a scan line."""
-        return self.line_source in {'message', SCAN}
+        return self.line_source in {'message', SCAN_SOURCE}
 
     def __str__(self) -> str:
         """Describe it for the log."""
-        if self.line_source == SCAN:
+        if self.line_source == SCAN_SOURCE:
             return 'times from time_increment, each scan is a scan line'
         if self.time_field is None:
             time = 'times from points_per_second'
@@ -230,7 +230,7 @@ class Decoder:
         if is_worse:
             names = short(', '.join(dtype.names or ()))
             text = f'among the fields {names} there is {convention.warning}'
-            self._warn(convention.warning if convention.line_source == SCAN else text)
+            self._warn(convention.warning if convention.line_source == SCAN_SOURCE else text)
 
     def _warn_of_steps(self, dtype: np.dtype[np.void], xyz: Floats, valid: Bools) -> None:
         """Warn once of coordinates whose float32 resolution is too coarse."""
@@ -244,7 +244,7 @@ class Decoder:
         has_scores = self.parameters.scores
         warning = 'scans have no room for scores, which are left out' if has_scores else ''
         return self._with_rings(
-            Convention(TIME_FIELD, TIME_UNIT, False, SCAN, None, warning)  # noqa: FBT003
+            Convention(TIME_FIELD, TIME_UNIT, False, SCAN_SOURCE, None, warning)  # noqa: FBT003
         )
 
     def _with_rings(self, found: Convention) -> Convention:

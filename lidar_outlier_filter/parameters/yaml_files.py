@@ -14,7 +14,7 @@ from lidar_outlier_filter.parameters.declaration import read_small
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 NODE_NAME = 'outlier_filter_node'
-LARGEST_FILE = 1_000_000  # bytes
+MAX_YAML_BYTES = 1_000_000  # bytes
 DEEPEST = 20  # levels
 
 
@@ -45,9 +45,9 @@ def read_yaml(path: Path) -> dict[str, object]:
 
     """
     try:
-        data = read_small(path, LARGEST_FILE)
-        if len(data) > LARGEST_FILE:
-            raise ParameterError(str(path), f'of at most {LARGEST_FILE} bytes', 'more')
+        data = read_small(path, MAX_YAML_BYTES)
+        if len(data) > MAX_YAML_BYTES:
+            raise ParameterError(str(path), f'of at most {MAX_YAML_BYTES} bytes', 'more')
         tree = parse(data.decode())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         reason = ' '.join(str(err).split())

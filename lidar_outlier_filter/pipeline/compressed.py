@@ -82,10 +82,10 @@ def decompressed(received: bytes) -> bytes:
         must_be = f'of at most {MAX_CLOUD_BYTES} bytes'
         raise CloudError('the points of a compressed cloud', must_be, size)
     name = received[_aligned(found.end + 1) + 4 :].rstrip(b'\x00').decode(errors='replace')
-    if name not in FORMATS:
-        must_be = ' or '.join(map(repr, FORMATS))
+    if name not in DECODERS:
+        must_be = ' or '.join(map(repr, DECODERS))
         raise CloudError('the format of a compressed cloud', must_be, repr(name))
-    points = FORMATS[name](memoryview(received)[found.begin : found.end], size)
+    points = DECODERS[name](memoryview(received)[found.begin : found.end], size)
     head = received[: found.begin - 4] + struct.pack(order + 'I', size)
     return b''.join((head, points, received[found.end : found.end + 1]))
 
@@ -114,4 +114,4 @@ def _must_be(name: str, size: int) -> tuple[str, str]:
 
 
 # By the last word of the topic's name, too.
-FORMATS = {'zlib': _from_zlib, 'zstd': _from_zstd}
+DECODERS = {'zlib': _from_zlib, 'zstd': _from_zstd}

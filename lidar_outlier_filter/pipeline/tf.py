@@ -23,7 +23,7 @@ from lidar_outlier_filter.pipeline.statistics import CountsByReason
 from lidar_outlier_filter.pipeline.topics import TRANSFORMS
 
 DYNAMIC, STATIC = '/tf', '/tf_static'  # topics
-MAX_FRAMES = 10_000
+MAX_TF_FRAMES = 10_000
 MAX_NAME = 1000  # characters of the name of a frame
 NOWHERE = SensorExtrinsics(np.zeros(3), np.eye(3))
 
@@ -126,7 +126,7 @@ class Tf:
         if max(len(parent), len(child)) > MAX_NAME:
             self.refusals.note('the name of a frame')
             return ''
-        if child not in self._parents and len(self._parents) == MAX_FRAMES:
+        if child not in self._parents and len(self._parents) == MAX_TF_FRAMES:
             self.refusals.note('the number of frames')
             return ''
         self._parents[child] = parent

@@ -5,7 +5,7 @@
 import re
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.pipeline.compressed import FORMATS
+from lidar_outlier_filter.pipeline.compressed import DECODERS
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'point_cloud_interfaces/msg/CompressedPointCloud2'
@@ -25,7 +25,7 @@ def output_topics(topic: str) -> tuple[str, str]:
     A topic of point_cloud_transport is named after the plain one and the format: outputs are plain.
     """
     plain, _, last = topic.rpartition('/')
-    topic = plain if plain and last in FORMATS else topic
+    topic = plain if plain and last in DECODERS else topic
     return topic + CLEANED, topic + OUTLIERS
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.points.mask import CHANGED, STEP_M, Mask, MaskLearner
+from lidar_outlier_filter.core.points.mask import CHANGED, TURN_SPACING_M, Mask, MaskLearner
 from lidar_outlier_filter.core.points.points import SECOND, Points, concatenate
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
@@ -20,7 +20,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 TURN_NS = SECOND * 9 // 100  # nanoseconds: about a turn
-MIN_TURNS = 10  # turns from elsewhere
+MIN_OTHER_TURNS = 10  # turns from elsewhere
 MAX_REACH_M = 30.0  # metres
 
 
@@ -81,9 +81,15 @@ def learn_mask(
     if learner.contradiction:
         must_be = 'the rings of a sensor that spins'
         raise RecordingError(f'the scan lines of {recording}', must_be, learner.contradiction)
-    if learner.taken < MIN_TURNS:
-        how = f'{STEP_M:g} m on by {by}' if by else f'{100 * CHANGED:g} % of far cells changed'
-        must_be = f'a drive with at least {MIN_TURNS} turns of the sensor from elsewhere ({how})'
+    if learner.taken < MIN_OTHER_TURNS:
+        how = (
+            f'{TURN_SPACING_M:g} m on by {by}'
+            if by
+            else f'{100 * CHANGED:g} % of far cells changed'
+        )
+        must_be = (
+            f'a drive with at least {MIN_OTHER_TURNS} turns of the sensor from elsewhere ({how})'
+        )
         reason = 'the vehicle does not move' if learner.taken <= 1 else 'the drive is too short'
         got = f'{learner.taken} of {learner.turns}: {reason}'
         raise RecordingError(f'the recording {recording}', must_be, got)

@@ -35,7 +35,7 @@ from lidar_outlier_filter.recordings.bags import (
 )
 from lidar_outlier_filter.recordings.channels import Topic, topic_of
 
-MAX_REASONS = 1000  # that are kept
+MAX_KEPT_REASONS = 1000  # that are kept
 
 # A message with its bag time, ns; without one, a topic that the file has.
 _Item = tuple['Topic', int, bytes | None]
@@ -63,14 +63,14 @@ class Losses:
 
     def add(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
         """Count one loss."""
-        if len(self.reasons) < MAX_REASONS:
+        if len(self.reasons) < MAX_KEPT_REASONS:
             self.reasons.append(printable(' '.join(reason.split())))
         else:
             self.more += 1
         self.messages += messages
         self.chunks += chunks
 
-    def said(self, most: int = MAX_REASONS) -> list[str]:
+    def said(self, most: int = MAX_KEPT_REASONS) -> list[str]:
         """List so many of the first reasons, and behind them how many more there are."""
         more = self.more + max(0, len(self.reasons) - most)
         return self.reasons[:most] + ([f'and {more} more'] if more else [])

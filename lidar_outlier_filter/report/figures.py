@@ -19,7 +19,7 @@ from lidar_outlier_filter.evaluation.plots import DPI, FRAME, INK, draw_roc, dre
 from lidar_outlier_filter.files.judged_file import JudgedFile
 from lidar_outlier_filter.report.gather import Gathered
 from lidar_outlier_filter.report.page import near_origin
-from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, SCORE_BINS, Counts
+from lidar_outlier_filter.report.steps import MAX_SCORE, RANGE_EDGES_M, SCORE_BINS, Counts
 from lidar_outlier_filter.report.worst import RejectedGroup, Worst
 
 REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'  # pages: assets/style.css
@@ -90,7 +90,7 @@ def _scores(axes: Axes, gathered: Gathered) -> None:
 
 
 def _ranges(axes: Axes, gathered: Gathered) -> None:
-    edges = np.array([*RANGES, 1.25 * RANGES[-1]])
+    edges = np.array([*RANGE_EDGES_M, 1.25 * RANGE_EDGES_M[-1]])
     every = gathered.all.by_range
     axes.stairs(every, edges, fill=True, color=GROUND, label='all')
     axes.stairs(_now(gathered).by_range, edges, fill=True, color=REJECTED, label='rejected')

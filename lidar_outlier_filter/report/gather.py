@@ -38,9 +38,9 @@ from lidar_outlier_filter.report.steps import (
 
 FRAME_NS = SECOND // 10  # nanoseconds: shorter clouds within this time are one frame
 SHORT = FRAME_NS // 4
-MAX_FRAMES = 1000
+MAX_DRAWN_FRAMES = 1000
 APART = 0.3  # of the size of a frame: frames whose middles are farther apart lie side by side
-PART = 100_000  # points of a file that are drawn together
+DRAWN_POINTS = 100_000  # points of a file that are drawn together
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ def _by_time(points: Rows, known: Ints) -> tuple[Ints, tuple[Ints, ...]]:
     frame = np.arange(len(there))
     if np.median(last - first) < SHORT:
         frame = np.unique(first // FRAME_NS, return_inverse=True)[1]
-    frame = frame // -(-(int(frame.max()) + 1) // MAX_FRAMES)
+    frame = frame // -(-(int(frame.max()) + 1) // MAX_DRAWN_FRAMES)
     frame = np.unique(frame, return_inverse=True)[1]
     # A cloud without kept points belongs to the frame before it.
     of_known = frame[np.maximum(np.searchsorted(there, known, side='right') - 1, 0)]
@@ -305,7 +305,7 @@ def _by_place(points: Rows) -> Ints:
     """Cut a file into parts: in order of time, or tile by tile without times."""
     if len(points) == 0:
         return np.empty(0, np.int64)
-    parts = min(-(-len(points) // PART), MAX_FRAMES)
+    parts = min(-(-len(points) // DRAWN_POINTS), MAX_DRAWN_FRAMES)
     t, xy = points['t'], points['xyz'][:, :2]
     if t.min() < t.max():
         key = np.argsort(t, kind='stable')

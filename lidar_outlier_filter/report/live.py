@@ -20,7 +20,7 @@ from lidar_outlier_filter.report.sources import saved_columns
 
 KEPT_SECONDS = 5.0  # of sensor time
 MAX_IN_FRAME = 20_000  # points of a frame that are drawn
-MAX_FRAMES = 100  # also where times stand still
+MAX_LIVE_FRAMES = 100  # also where times stand still
 MAX_PENDING_CLOUDS, MAX_PENDING_POINTS = 1000, 2_000_000  # of a frame, before it is thinned
 WHOLE = FRAME_NS * 9 // 10  # nanoseconds that a frame covers
 REJECTED_BIT, NEAR_BIT = 1, 2  # in the last word of a point
@@ -74,7 +74,7 @@ class LiveClouds:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._frames: deque[LiveFrame] = deque(maxlen=MAX_FRAMES)
+        self._frames: deque[LiveFrame] = deque(maxlen=MAX_LIVE_FRAMES)
         self._count = 0
         self._pending: list[Rows] = []
         self._points = 0  # pending ones

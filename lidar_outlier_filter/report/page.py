@@ -32,7 +32,7 @@ from lidar_outlier_filter.report.points import (
     reason_texts,
 )
 from lidar_outlier_filter.report.sources import SAVED, SourceFacts
-from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, Counts, Slider
+from lidar_outlier_filter.report.steps import MAX_SCORE, RANGE_EDGES_M, Counts, Slider
 
 # The modules of a page, by the names under which they import each other.
 MODULES = {
@@ -83,7 +83,7 @@ def header(gathered: Gathered) -> dict[str, Any]:
         'together': gathered.frames.together,
         'sliders': [_slider(gathered, number) for number in range(len(gathered.sliders))],
         'all': _counts(every),
-        'ranges': list(RANGES),
+        'ranges': list(RANGE_EDGES_M),
         'largestScore': MAX_SCORE,
         'hasRange': near_origin(gathered),
         'scores': tally.scores.tolist(),

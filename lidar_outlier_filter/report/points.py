@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.messages.cloud import first_numbers
 from lidar_outlier_filter.report.chains import NEAR_SCORE, STRONGEST
-from lidar_outlier_filter.report.steps import BITS
+from lidar_outlier_filter.report.steps import STEP_BITS
 
 # What a live page keeps of a point, and what a recorded page keeps beside it.
 LIVE = [
@@ -51,12 +51,12 @@ RECORDED = [
     ('added', 'f4', STRONGEST),
 ]
 WORDS = 4
-STEPS = (1 << 21) - 1  # of a box, on each axis
+BOX_STEPS = (1 << 21) - 1  # of a box, on each axis
 SCORE_UNIT, UNTESTED = 256, 1023
 MAX_INTENSITY = 127
-LINES = 1 << (32 - BITS)
+MAX_LINES = 1 << (32 - STEP_BITS)
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity between which colours change
-MAX_REASONS = 127  # that have a number in the words
+MAX_CODES = 127  # that have a number in the words
 ALIGNMENT = 16  # bytes: words begin at a multiple
 
 
@@ -97,7 +97,7 @@ def pack(points: Rows, first: Ints, limits: tuple[float, float]) -> tuple[Words,
     if len(points) == 0:
         return np.empty((0, WORDS), np.uint32), np.empty((0, 3)), np.empty((0, 3))
     origin = np.minimum.reduceat(xyz, begin)
-    step = np.maximum((np.maximum.reduceat(xyz, begin) - origin) / STEPS, 1e-9)
+    step = np.maximum((np.maximum.reduceat(xyz, begin) - origin) / BOX_STEPS, 1e-9)
     frame = np.repeat(np.arange(len(begin)), np.diff(first))
     x, y, z = np.rint((xyz - origin[frame]) / step[frame]).astype(np.uint32).T
     words = np.empty((len(points), WORDS), np.uint32)
@@ -109,7 +109,7 @@ def pack(points: Rows, first: Ints, limits: tuple[float, float]) -> tuple[Words,
     numbers = np.minimum(first_numbers(points['detectors']), 15).astype(np.uint32)
     words[:, 2] |= numbers << np.uint32(24)
     words[:, 2] |= points['truth'].astype(np.uint32) << np.uint32(28)
-    words[:, 3] = points['bits'] | (_line_ranks(points['line'], first) << np.uint32(BITS))
+    words[:, 3] = points['bits'] | (_line_ranks(points['line'], first) << np.uint32(STEP_BITS))
     return words, origin, step
 
 
@@ -138,21 +138,21 @@ def _intensity_steps(intensity: Singles, limits: tuple[float, float]) -> Words:
 def _line_ranks(line: Ints, first: Ints) -> Words:
     ranks = np.empty(len(line), np.uint32)
     for begin, end in pairwise(first.tolist()):
-        ranks[begin:end] = np.unique(line[begin:end], return_inverse=True)[1] % LINES
+        ranks[begin:end] = np.unique(line[begin:end], return_inverse=True)[1] % MAX_LINES
     return ranks
 
 
 @cache
 def reason_texts() -> list[tuple[str, str]]:
     """Return name and words of each reason, in the order of their numbers in the words."""
-    return [(one.name, one.text) for one in reasons().values()][:MAX_REASONS]
+    return [(one.name, one.text) for one in reasons().values()][:MAX_CODES]
 
 
 @cache
 def reason_numbers() -> Words:
     """Return the number in the words, from 1, of each number in ``outlier_reason``; 0: none."""
     found = np.zeros(256, np.uint32)
-    found[list(reasons())[:MAX_REASONS]] = np.arange(1, len(reason_texts()) + 1)
+    found[list(reasons())[:MAX_CODES]] = np.arange(1, len(reason_texts()) + 1)
     return found
 
 

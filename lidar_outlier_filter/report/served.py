@@ -26,7 +26,7 @@ from lidar_outlier_filter.report.live import KEPT_SECONDS, MAX_IN_FRAME, LiveClo
 from lidar_outlier_filter.report.page import constants, live_page, slider_facts
 from lidar_outlier_filter.report.steps import all_values
 
-HERE = '127.0.0.1'
+LOCALHOST = '127.0.0.1'
 MAX_REQUEST = 1 << 16  # bytes of a request to set parameters
 MAX_NUMBER = 2**53  # the largest whole number of JavaScript
 MAX_DIGITS = 20  # Python refuses thousands, with an error of its own
@@ -74,7 +74,7 @@ class PageServer:
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self._clouds: dict[str, LiveClouds] = {}
         try:
-            self._server = _Server((HERE, port), _Handler)
+            self._server = _Server((LOCALHOST, port), _Handler)
         except OSError as err:
             raise ParameterError('the port of the page', 'free', f'{port}: {err.strerror}') from err
         self._server.page = self
@@ -89,7 +89,7 @@ class PageServer:
     @property
     def address(self) -> str:
         """The address to open."""
-        return f'http://{HERE}:{self.port}/?token={self.token}'
+        return f'http://{LOCALHOST}:{self.port}/?token={self.token}'
 
     def show(self, topic: str, cloud: StreamCloud, msg: Any) -> None:
         """Take a cloud that was judged."""
@@ -111,7 +111,7 @@ class PageServer:
 
         A page of elsewhere whose name was made to lead here has another host.
         """
-        hosts = (f'{HERE}:{self.port}', f'localhost:{self.port}')
+        hosts = (f'{LOCALHOST}:{self.port}', f'localhost:{self.port}')
         return host in hosts and secrets.compare_digest(token.encode(), self.token.encode())
 
     def respond(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes]:

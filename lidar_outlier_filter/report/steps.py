@@ -16,12 +16,24 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.sources import ReportCloud
 
-BITS = 21  # of a point, for the steps of all sliders
+STEP_BITS = 21  # of a point, for the steps of all sliders
 MAX_FACTOR = 3.0  # the smallest critical value is the given one ÷ this
 MAX_REJECTED = 0.5  # share of the tested points that a step may reject
-RANGES = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # lower edges, m
+RANGE_EDGES_M = (
+    0.0,
+    5.0,
+    10.0,
+    20.0,
+    30.0,
+    40.0,
+    50.0,
+    75.0,
+    100.0,
+    150.0,
+    200.0,
+)  # lower edges, m
 SCORE_BINS, MAX_SCORE = 80, 4.0  # the last bin also holds larger scores
-ROUNDING = 3e-7  # relative, of a score in single precision: closer to a limit is uncertain
+SCORE_TOLERANCE = 3e-7  # relative, of a score in single precision: closer to a limit is uncertain
 NO_TRUTH, GOOD, BAD = range(3)
 DETECTOR_BITS, REASONS = 16, 256
 
@@ -63,7 +75,7 @@ class Slider:
 def all_values(parameters: FilterParameters) -> tuple[Slider, ...]:
     """Return a slider with all values of the threshold for each detector of the chain."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    return tuple(_all_values(name, parameters) for name in chain[:BITS])
+    return tuple(_all_values(name, parameters) for name in chain[:STEP_BITS])
 
 
 def _all_values(detector: str, parameters: FilterParameters) -> Slider:
@@ -105,7 +117,7 @@ def choose_steps(
     tested : number of points with a score
 
     """
-    bits = BITS // max(len(possible), 1)
+    bits = STEP_BITS // max(len(possible), 1)
     chosen = [
         _steps(one, counts, tested, (bits - 1) // 2)
         for one, counts in zip(possible, rejected, strict=True)
@@ -183,7 +195,7 @@ class RowCounts:
     def __init__(self, rows: int) -> None:
         self._truth, self._ranges, self._reasons, self._detectors = (
             np.zeros((rows, columns), np.int64)
-            for columns in (3, len(RANGES), REASONS, DETECTOR_BITS)
+            for columns in (3, len(RANGE_EDGES_M), REASONS, DETECTOR_BITS)
         )
         self._clouds: dict[int, Ints] = {}
 
@@ -192,7 +204,7 @@ class RowCounts:
         row, verdict = np.asarray(row, np.int64), cloud.verdict
         rows = len(self._truth)
         self._truth += _crossed(row, cloud.truth, self._truth.shape)
-        bins = np.searchsorted(RANGES, cloud.points.range, side='right') - 1
+        bins = np.searchsorted(RANGE_EDGES_M, cloud.points.range, side='right') - 1
         self._ranges += _crossed(row, bins, self._ranges.shape)
         self._reasons += _crossed(row, verdict.reason, self._reasons.shape)
         for bit in range(DETECTOR_BITS):
@@ -264,7 +276,7 @@ class ScoreCounts(RowCounts):
             there = (beside >= 0) & (beside < len(self._limits))
             limit = self._limits[beside[there]]
             with np.errstate(invalid='ignore'):  # infinite limits
-                close = np.abs(score[there] - limit) <= ROUNDING * limit
+                close = np.abs(score[there] - limit) <= SCORE_TOLERANCE * limit
             self.uncertain[beside[there][close]] = True
 
     def rejected(self) -> Ints:

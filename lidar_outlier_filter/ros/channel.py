@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.compressed import FORMATS
+from lidar_outlier_filter.pipeline.compressed import DECODERS
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.statistics import Statistics
 from lidar_outlier_filter.ros.backlog import Received, Treatment
@@ -61,7 +61,7 @@ class Channel:
         self.publisher = SplitCloudPublisher(node, topic, self._type.published)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
         self.worker.read = self._type.read
-        if self._type.received is PointCloud2 and self.resolved.rpartition('/')[2] in FORMATS:
+        if self._type.received is PointCloud2 and self.resolved.rpartition('/')[2] in DECODERS:
             self._log_warning('read as PointCloud2: point_cloud_interfaces is not installed')
         self._clouds: Subscription | None = None
         self._odometry: Subscription | None = None

@@ -23,7 +23,7 @@ from std_msgs.msg import String
 
 from lidar_outlier_filter.errors import CloudError, ParameterError, quote_error
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, FORMATS, decompressed, layout
+from lidar_outlier_filter.pipeline.compressed import BYTE_ORDERS, DECODERS, decompressed, layout
 from lidar_outlier_filter.pipeline.motion import PoseSource
 from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 from lidar_outlier_filter.pipeline.tf import DYNAMIC, STATIC, Tf, pose_source
@@ -146,7 +146,7 @@ def input_type(topic: str, name: str) -> InputType:
     if full in SCANS:
         kind = SCANS[full]
         return InputType(kind, full, kind, partial(_by_rclpy, kind=kind))
-    if topic.rpartition('/')[2] in FORMATS:
+    if topic.rpartition('/')[2] in DECODERS:
         with suppress(ImportError):
             kind = importlib.import_module('point_cloud_interfaces.msg').CompressedPointCloud2
             read = lambda data: read_cloud(decompressed(data))  # noqa: E731

@@ -29,7 +29,9 @@ from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 from lidar_outlier_filter.ros.channel import Channel
 
-SAVED = '# Saved by ~/save_parameters. It overwrites this file only while this line is here.\n'
+SAVED_HEADER = (
+    '# Saved by ~/save_parameters. It overwrites this file only while this line is here.\n'
+)
 NODE_TIMEOUT = 10.0  # seconds until a change that the node has not begun is withdrawn
 
 
@@ -243,14 +245,14 @@ def _write_whole(path: Path, text: str) -> None:
         is_plain = not path.is_symlink() and (path.is_file() or path.is_dir())
         begin = b''
         # Files of the system may block, and say that they are empty; others may be endless.
-        if is_plain and path.stat().st_size >= len(SAVED):
+        if is_plain and path.stat().st_size >= len(SAVED_HEADER):
             with path.open('rb') as stream:
-                begin = stream.read(len(SAVED))
-        if begin != SAVED.encode():
+                begin = stream.read(len(SAVED_HEADER))
+        if begin != SAVED_HEADER.encode():
             must_be = 'new, or saved by ~/save_parameters'
             raise ParameterError('the file', must_be, shown(str(path)))
     with replaced(path) as built:
-        built.write_text(SAVED + text, encoding='utf-8')
+        built.write_text(SAVED_HEADER + text, encoding='utf-8')
 
 
 def _refusal(err: ParameterError) -> SetParametersResult:

@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PA
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, read_trees
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.scan_pattern.placed_pattern import UNKNOWN, Pattern
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import UNKNOWN_BRIGHTNESS, Pattern
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
@@ -219,7 +219,7 @@ def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
-    prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN)
+    prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN_BRIGHTNESS)
     dark = prepared._replace(pattern=pattern._replace(bright=unknown))
     even, trains = number % 2 == 0, sweep.trains and sweep.kind not in recipe.unseen
     return (

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     neighbours,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    NAMES,
+    FEATURE_NAMES,
     SURVEY_MODEL,
     Trees,
 )
@@ -31,7 +31,7 @@ from lidar_outlier_lab.training.folds import FOLDS, SceneRecipe
 SCENES = 90
 RECIPE = SceneRecipe(
     what='scene',
-    names=NAMES[SURVEY_MODEL],
+    names=FEATURE_NAMES[SURVEY_MODEL],
     rounds=(80, 220),
     good=(3000, 4000),
     bad=(400, 1000),

@@ -98,7 +98,7 @@ def test_workers_give_the_same_bytes(  # noqa: PLR0913  fixtures
     check(tmp_path / 'clouds', whole[clouds])
     found = records(tmp_path / 'clouds').values()
     assert len({record.worker for record in found}) == 2
-    assert jobs.HERE not in {record.worker for record in found}
+    assert jobs.THIS_PROCESS not in {record.worker for record in found}
     capsys.readouterr()
     assert main(cleaning(clouds, tmp_path / 'clouds')) == 3
     assert '0 cleaned, 12 done before, 1 refused' in capsys.readouterr().out
@@ -109,7 +109,7 @@ def test_jobs(drives: Path, whole: dict[Path, dict[str, bytes]], tmp_path: Path)
     before = worker_processes()
     assert main(replaying(drives, tmp_path / 'out', '--jobs=2')) == 0
     check(tmp_path / 'out', whole[drives])
-    assert jobs.HERE not in {record.worker for record in records(tmp_path / 'out').values()}
+    assert jobs.THIS_PROCESS not in {record.worker for record in records(tmp_path / 'out').values()}
     assert worker_processes() == before
 
 

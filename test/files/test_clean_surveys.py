@@ -12,7 +12,7 @@ import pytest
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.heights import is_high
-from lidar_outlier_filter.core.points.mask import HEAD, NAMES
+from lidar_outlier_filter.core.points.mask import HEAD, MASK_COLUMNS
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -101,7 +101,7 @@ def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
     classes = np.full(200, 2, np.uint8)
     classes[:4] = [5, 6, 2, 5]
     path, mask = write_las(tmp_path / 'a.las', xyz, classes), tmp_path / 'car.csv'
-    mask.write_text(f'{HEAD}\n{NAMES}\n' + ''.join(f'0,{i},1.8,2.2\n' for i in range(20)))
+    mask.write_text(f'{HEAD}\n{MASK_COLUMNS}\n' + ''.join(f'0,{i},1.8,2.2\n' for i in range(20)))
     settings = {'chain': ['sor'], 'mask': str(mask), 'line_field': 'scanner_channel'}
     parameters, output = FilterParameters().changed(settings), tmp_path / 'out.las'
     report = clean_file(path, output, parameters, CleanOptions(ignore=(5,), keep=(6,)))

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from helpers.browsers import new_tab
-from lidar_outlier_filter.report.points import STEPS
+from lidar_outlier_filter.report.points import BOX_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -80,7 +80,7 @@ def read_message(
 def positions(frame: Mapping[str, Any], words: NDArray[np.uint32]) -> NDArray[np.float64]:
     """Unpack positions in metres."""
     a, b = words[:, 0], words[:, 1]
-    steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
+    steps = np.stack([a & BOX_STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
     found: NDArray[np.float64] = frame['origin'] + steps * np.array(frame['step'])
     return found
 

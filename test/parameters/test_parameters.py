@@ -23,7 +23,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import Parameter
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import (
-    LARGEST_FILE,
+    MAX_YAML_BYTES,
     NODE_NAME,
     parse,
     read_yaml,
@@ -306,7 +306,7 @@ HOSTILE = {
     'no text': '\0',
     'tag': '!!python/object/apply:os.mkdir [made]',
     'a list as key': '[1]: 2',
-    'long': '#' * (LARGEST_FILE + 1),
+    'long': '#' * (MAX_YAML_BYTES + 1),
 }
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from lidar_outlier_filter.core.points.poses import KEPT_NS, Track
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.tf import MAX_FRAMES, MAX_NAME, Tf
+from lidar_outlier_filter.pipeline.tf import MAX_NAME, MAX_TF_FRAMES, Tf
 
 Pose = tuple[float, ...]
 
@@ -179,10 +179,10 @@ def test_what_is_kept_is_bounded() -> None:
             assert isinstance(track, Track)
             assert len(track) <= 2 * (KEPT_NS // SECOND * 10 + 2)
     assert covered(tf, 3999.9 - KEPT_NS / SECOND) == [True]
-    for number in range(MAX_FRAMES + 3):
+    for number in range(MAX_TF_FRAMES + 3):
         tf.take(message(transform('odom', f'frame {number}', 0, (0.0, 0, 0, *LEVEL))))
     tf.take_static(message(transform('o' * (MAX_NAME + 1), 'base', 0, (0.0, 0, 0, *LEVEL))))
-    assert len(tf._links) == MAX_FRAMES
+    assert len(tf._links) == MAX_TF_FRAMES
     assert tf.refusals == {'the number of frames': 5, 'the name of a frame': 1}
 
 

@@ -33,7 +33,7 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.provenance import PREFIX
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.recordings.salvage import MAX_REASONS, Losses
+from lidar_outlier_filter.recordings.salvage import MAX_KEPT_REASONS, Losses
 
 PACKED = 'folder file'  # which must be unpacked before it is salvaged
 
@@ -300,7 +300,7 @@ def test_log_of_a_database(drives: dict[str, Path], unbroken: Content, tmp_path:
 def test_many_losses() -> None:
     """However many losses there are, all are counted, and the first are kept."""
     losses = Losses()
-    for number in range(MAX_REASONS + 5):
+    for number in range(MAX_KEPT_REASONS + 5):
         losses.add(f'the topic /{number}\n', messages=2)
-    assert losses.messages == 2 * MAX_REASONS + 10
-    assert losses.said(2) == ['the topic /0', 'the topic /1', f'and {MAX_REASONS + 3} more']
+    assert losses.messages == 2 * MAX_KEPT_REASONS + 10
+    assert losses.said(2) == ['the topic /0', 'the topic /1', f'and {MAX_KEPT_REASONS + 3} more']

@@ -41,7 +41,7 @@ from lidar_outlier_filter.report.gather import Gathered, gather
 from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
 from lidar_outlier_filter.report.points import LIVE, SCORE_UNIT, UNTESTED, reason_numbers, thin
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource, saved_columns
-from lidar_outlier_filter.report.steps import BITS, MAX_FACTOR, all_values, choose_steps
+from lidar_outlier_filter.report.steps import MAX_FACTOR, STEP_BITS, all_values, choose_steps
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 
@@ -69,7 +69,7 @@ def test_every_step_counts_what_a_replay_rejects(
 ) -> None:
     """Steps of the default are counted from one judging, from half of the points to none."""
     (slider,) = found.sliders
-    assert BITS - 3 <= len(slider.values) <= BITS
+    assert STEP_BITS - 3 <= len(slider.values) <= STEP_BITS
     for step in range(0, len(slider.values), 4):
         rejected = replayed(snow, tmp_path / str(step), {slider.name: slider.values[step]})
         assert found.counts[0][step].points == bits_at(found, 0, step) == rejected
@@ -84,7 +84,7 @@ def test_steps_that_scores_do_not_determine_are_judged(
     found: Gathered, snow: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where every score is as close to a limit as rounding, the counts are the same."""
-    monkeypatch.setattr(steps, 'ROUNDING', 10.0)
+    monkeypatch.setattr(steps, 'SCORE_TOLERANCE', 10.0)
     judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MAX_POINTS)
     assert np.array_equal(judged.points['bits'], found.points['bits'])
     for one, other in zip(judged.counts[0], found.counts[0], strict=True):
@@ -122,7 +122,7 @@ def test_sliders_share_the_bits(count: int) -> None:
     chosen = choose_steps(possible, rejected, 1000)
     used = [one.first + step for one in chosen for step in range(len(one.values))]
     assert len(used) == len({*used})
-    assert max(used) < BITS
+    assert max(used) < STEP_BITS
     for slider in chosen:
         assert slider.values[slider.given] == parameters.flat()[slider.name]
         assert (np.diff(slider.limits) > 0).all()
@@ -242,7 +242,7 @@ def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
         assert (apart <= 0.5001 * np.array(frame['step'])).all()
         assert max(frame['step']) < 0.001
         ranks = np.unique(points['line'][begin:end], return_inverse=True)[1]
-        assert np.array_equal(words[:, 3] >> BITS, ranks)
+        assert np.array_equal(words[:, 3] >> STEP_BITS, ranks)
         marked = points['bits'][begin:end] != 0
         assert marked[: frame['marked']].sum() == marked.sum()
     word, last = np.concatenate(parts)[:, 2:].T
@@ -253,7 +253,7 @@ def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
     reasons = (word >> 17) & 0x7F
     assert np.array_equal(reasons, reason_numbers()[points['reason']])
     assert np.array_equal(reasons != 0, points['rejected'])
-    assert np.array_equal(last & ((1 << BITS) - 1), points['bits'])
+    assert np.array_equal(last & ((1 << STEP_BITS) - 1), points['bits'])
     assert np.array_equal((word >> 28) & 3, points['truth'])
     assert np.array_equal(columns['intensity'], points['intensity'])
     assert np.array_equal(columns['time'], points['t'])

@@ -11,8 +11,8 @@ from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.report import live
 from lidar_outlier_filter.report.live import (
     KEPT_SECONDS,
-    MAX_FRAMES,
     MAX_IN_FRAME,
+    MAX_LIVE_FRAMES,
     MAX_PENDING_CLOUDS,
     LiveClouds,
 )
@@ -91,10 +91,10 @@ def test_rejected_points_stay_first() -> None:
 def test_memory_is_bounded_where_time_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are cut at so many clouds or points, and forgotten."""
     clouds, same = LiveClouds(), cloud(1, 0, 1)
-    for _ in range(MAX_PENDING_CLOUDS * (MAX_FRAMES + 2)):
+    for _ in range(MAX_PENDING_CLOUDS * (MAX_LIVE_FRAMES + 2)):
         clouds.add(same, None)
     header, *_ = read_message(clouds.since(-1))
-    assert len(header['frames']) == MAX_FRAMES
+    assert len(header['frames']) == MAX_LIVE_FRAMES
     assert header['frames'][0]['points'] == MAX_PENDING_CLOUDS
     monkeypatch.setattr(live, 'MAX_PENDING_POINTS', 1000)
     clouds, same = LiveClouds(), cloud(1, 0, 400)

@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from lidar_outlier_filter.core.detectors.builtin import Quadric, Sor
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros import live_parameters
-from lidar_outlier_filter.ros.live_parameters import SAVED, NodeAccess, _write_whole
+from lidar_outlier_filter.ros.live_parameters import SAVED_HEADER, NodeAccess, _write_whole
 
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 
@@ -177,16 +177,16 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert node.channels[0].statistics.points == sum(msg.width for msg in sweeps)
 
 
-@pytest.mark.parametrize('begin', [SAVED, '# mine\n'])
+@pytest.mark.parametrize('begin', [SAVED_HEADER, '# mine\n'])
 def test_no_more_is_read_of_a_file_than_its_first_line(tmp_path: Path, begin: str) -> None:
     """It may be larger than memory."""
     path = tmp_path / 'saved.yaml'
     path.write_text(begin)
     with path.open('r+b') as stream:
         stream.truncate(2**42)  # sparse
-    if begin == SAVED:
+    if begin == SAVED_HEADER:
         _write_whole(path, 'new: 1\n')
-        assert path.read_text() == SAVED + 'new: 1\n'
+        assert path.read_text() == SAVED_HEADER + 'new: 1\n'
     else:
         with pytest.raises(ParameterError, match='the file must be new, or saved by'):
             _write_whole(path, '')

@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import SAME_SHOT
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-STEPS = 5  # between any returns of two shots beside each other, of up to three returns
+MAX_STEPS = 5  # between any returns of two shots beside each other, of up to three returns
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -73,7 +73,7 @@ def detect(points: Points, first: Ints, parameters: DualReturn) -> Floats:
     next_shot = following(np.searchsorted(starts, first))
     smallest = np.full(len(points), np.inf)
     after = other = following(first)
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         beside = (shot[other] == next_shot[shot]) & (shot[other] != shot) & are_near(xyz, other)
         ratio = np.where(beside, jumps(reach, other), np.inf)
         smallest = np.minimum(smallest, ratio)

@@ -52,7 +52,7 @@ PIT = 0.5  # metres
 SLOPE = 0.3  # of the ground, rise ÷ run
 MAX_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
 FREE_CELLS = 1 << 22
-CHUNK = 1 << 14  # points that a thread takes at once
+POINTS_AT_ONCE = 1 << 14  # points that a thread takes at once
 SHARE = 0.001  # largest share of the points taken off as set apart, on each side
 SIGMA_FLOOR_M = 0.005  # least standard deviation that an estimate may give
 
@@ -195,7 +195,7 @@ def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -
     def work(begin: int, end: int) -> None:
         _kernels.elevation_differences(elevation, index, begin, end, result)
 
-    pool.run(work, len(xyz), CHUNK, threads)
+    pool.run(work, len(xyz), POINTS_AT_ONCE, threads)
     _correct_ties(neighbourhood, elevation, index, np.flatnonzero(tied), result)
     in_input_order = np.empty(len(xyz))
     in_input_order[order] = result

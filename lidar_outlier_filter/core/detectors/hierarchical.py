@@ -57,7 +57,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND_PHASE = 1 << 15  # bit beside its own: the second phase rejected the point
 MIN_SPREAD = 1e-3  # of the median
-CHUNK = 2048  # points that a thread takes at once
+POINTS_AT_ONCE = 2048  # points that a thread takes at once
 
 
 class Edges(NamedTuple):
@@ -198,7 +198,7 @@ def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
     def work(begin: int, end: int) -> Index:
         return _kernels.gabriel_edges(xyz, tree, begin, end)
 
-    ends = np.concatenate(pool.run(work, len(neighbourhood), CHUNK, threads))
+    ends = np.concatenate(pool.run(work, len(neighbourhood), POINTS_AT_ONCE, threads))
     return Edges(ends, _kernels.edge_lengths(xyz, ends))
 
 

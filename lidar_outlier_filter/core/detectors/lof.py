@@ -39,7 +39,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 LISTED = -1  # the row of points that have none of their own
-CHUNK = 4096  # points that a thread takes at once
+POINTS_AT_ONCE = 4096  # points that a thread takes at once
 
 
 class _Near(NamedTuple):
@@ -144,7 +144,7 @@ def _factors(neighbourhood: Neighbourhood, k: int) -> Floats:
         threads.run(
             lambda begin, end: work(near, *given, begin, end, result),
             len(xyz),
-            CHUNK,
+            POINTS_AT_ONCE,
             neighbourhood.threads,
         )
         result[stacked] = result[first_there]
@@ -209,6 +209,6 @@ def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.
     threads.run(
         lambda begin, end: _kernels.sort_rows_as_given(first, order, position, begin, end, more),
         len(first) - 1,
-        CHUNK,
+        POINTS_AT_ONCE,
         neighbourhood.threads,
     )

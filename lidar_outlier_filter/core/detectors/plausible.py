@@ -10,9 +10,11 @@ from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import CloudError
 
-MIN_SHARE = 0.03  # of the points, up to which nothing is checked: clean data have far less rejected
+MIN_REJECTED_SHARE = (
+    0.03  # of the points, up to which nothing is checked: clean data have far less rejected
+)
 MIN_REJECTED = 64  # points, fewer show no surface
-SAMPLE = 512  # rejected points that are looked at
+SAMPLE_POINTS = 512  # rejected points that are looked at
 NEAREST = 8  # other rejected points
 # Typical thickness ÷ extent of rejected neighbours. In simulated snow, fog, dust and spray it was
 # 0.24 and more, also where 58 % of the points were fog; of surfaces 0.001.
@@ -38,12 +40,12 @@ def rejects_surfaces(xyz: Floats, rejected: Bools, threads: int = 0) -> bool:
 
     """
     count = np.count_nonzero(rejected)
-    if count < max(MIN_SHARE * len(xyz), MIN_REJECTED):
+    if count < max(MIN_REJECTED_SHARE * len(xyz), MIN_REJECTED):
         return False
     hood, _, _ = Neighbourhood(xyz[rejected], NEAREST, threads).distinct()
     if len(hood) < MIN_REJECTED:
         return False
-    some = np.arange(0, len(hood), -(-len(hood) // SAMPLE))
+    some = np.arange(0, len(hood), -(-len(hood) // SAMPLE_POINTS))
     near = hood.xyz[np.column_stack([some, hood.nearest_of(some, NEAREST)])]
     about = near - near.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.einsum('ski,skj->sij', about, about))
@@ -53,7 +55,7 @@ def rejects_surfaces(xyz: Floats, rejected: Bools, threads: int = 0) -> bool:
 
 def is_in_one_plane(xyz: Floats) -> bool:
     """Return whether all points (N, 3) lie in a plane: then what is rejected does, too."""
-    some = xyz[:: max(len(xyz) // SAMPLE, 1)]
+    some = xyz[:: max(len(xyz) // SAMPLE_POINTS, 1)]
     least, *others = np.linalg.eigvalsh(np.cov(some, rowvar=False)).tolist()
     return bool(least < MAX_THICKNESS**2 * sum(others))
 

@@ -47,7 +47,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-CHUNK = 4096  # points that a thread takes at once
+POINTS_AT_ONCE = 4096  # points that a thread takes at once
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -164,7 +164,7 @@ def _mean_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
     threads.run(
         lambda begin, end: _kernels.average_distances(xyz, lists, begin, end, mean),
         len(xyz),
-        CHUNK,
+        POINTS_AT_ONCE,
         neighbourhood.threads,
     )
     result = np.empty(len(xyz))

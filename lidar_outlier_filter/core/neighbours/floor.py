@@ -31,7 +31,7 @@ ROW = 32  # bits of a column's number within its row
 WITHIN = (1 << ROW) - 1
 COLUMNS_AT_ONCE = 256
 
-NAMES = ('deep', 'deep_steep')
+FLOOR_FEATURES = ('deep', 'deep_steep')
 
 
 class Floor(NamedTuple):

@@ -24,7 +24,7 @@ COARSE = 2.0**53 * FINEST_M  # of numbers from here on FINEST_M is no longer a p
 MAX_POINTS = 2**31 - 1  # their indices are int32
 # What a thread takes at once, about a millisecond: leaves where all points are selected, and rows.
 LEAVES, ROWS = 64, 1 << 14
-PART = 1 << 20  # points whose coordinates are checked at once
+CHECKED_POINTS = 1 << 20  # points whose coordinates are checked at once
 # Up to this share it pays to keep the lists that are still right. Measured on the simulated street,
 # k = 20, points rejected at random: of 1 %, keeping takes 0.4 times as long as searching all again,
 # of 3 %, 0.65, of 10 %, 1.07, because then 88 % of the lists have lost a point.
@@ -307,7 +307,9 @@ def _in_multiples(xyz: Floats) -> Floats:
     Else thousands of points might be at distance 0 from each other, and still not at one place.
     No box of the tree could hold them as one, and every search would visit all of them.
     """
-    parts = (np.abs(xyz[begin : begin + PART]) for begin in range(0, len(xyz), PART))
+    parts = (
+        np.abs(xyz[begin : begin + CHECKED_POINTS]) for begin in range(0, len(xyz), CHECKED_POINTS)
+    )
     if not any(((size < COARSE) & (size > 0)).any() for size in parts):
         return xyz
     return np.rint(xyz / FINEST_M) * FINEST_M

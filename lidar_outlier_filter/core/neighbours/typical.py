@@ -19,8 +19,8 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 K = 8  # neighbours
 MIN_SCALE_M = 1e-6  # metres that are added to scales, which may be 0
-SAMPLE = 20_000  # points, about
-AT_ONCE = 500_000  # points examined
+SAMPLE_POINTS = 20_000  # points, about
+POINTS_AT_ONCE = 500_000  # points examined
 EVERY = 1 << 32
 
 
@@ -30,7 +30,7 @@ def in_parts(
 ) -> list[Result]:
     """Do work on the selected points (M,) of N, in parts that fit into memory."""
     return pool.run(
-        lambda i, j: work(np.take(xyz, where[i:j], axis=0)), len(where), AT_ONCE, threads
+        lambda i, j: work(np.take(xyz, where[i:j], axis=0)), len(where), POINTS_AT_ONCE, threads
     )
 
 
@@ -45,7 +45,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     threads : maximum number of threads; 0: all cores
 
     """
-    limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
+    limit = EVERY if len(where) <= SAMPLE_POINTS else EVERY * SAMPLE_POINTS // len(where)
     some = in_parts(lambda part: part[_kernels.numbers(part) < limit], xyz, where, threads)
     few = np.concatenate([np.empty((0, 3)), *some])
     alone, _, _ = Neighbourhood(few, K, threads).distinct()

@@ -52,7 +52,7 @@ class Claim(NamedTuple):
     name: str
 
 
-OWN_TIMES = Clock(0.0, 0, 1)
+OWN_CLOCK = Clock(0.0, 0, 1)
 
 
 class Decision(NamedTuple):
@@ -75,7 +75,7 @@ class Decision(NamedTuple):
     text: str = ''
     contradicts: bool = False
     heads: tuple[tuple[int, 'Decision'], ...] = ()
-    clock: Clock = OWN_TIMES
+    clock: Clock = OWN_CLOCK
 
 
 GIVEN = Decision('given')
@@ -131,7 +131,7 @@ def decide(points: Points, claim: Claim, period: float = 0.0) -> Decision:
         return GIVEN
     if points.head is not None and np.ptp(points.head) > 0:
         return _decide_heads(points, points.head, claim, period)
-    clock = measure_clock(points.t) if (np.diff(points.t) >= 0).all() else OWN_TIMES
+    clock = measure_clock(points.t) if (np.diff(points.t) >= 0).all() else OWN_CLOCK
     if clock.shots >= MIN_SHOTS and is_path(points.xyz):
         return _decide_shared(points, clock, claim, period)
     return _decide_one(points, claim, period)

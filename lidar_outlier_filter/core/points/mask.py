@@ -25,8 +25,8 @@ COLUMNS = 720  # of the image: half a degree each, the first from 0° on, agains
 MAX_RINGS = 1024
 LARGEST_RANGE_M = 100.0  # metres: no vehicle is longer
 HEAD = f'# own vehicle, {COLUMNS} columns, metres'
-NAMES = 'ring,column,near,far'
-LARGEST_FILE = 32_000_000  # bytes
+MASK_COLUMNS = 'ring,column,near,far'
+MAX_MASK_BYTES = 32_000_000  # bytes
 NEEDS_RINGS = 'the rings of the sensor, by a field or by rows, where there is a mask'
 
 BIN = 0.05  # metres, of the histograms of ranges
@@ -35,7 +35,9 @@ MIN_SHARE_OF_RETURNS = 0.5  # of the turns with a return in a cell, in which a r
 MAX_SHARE_OF_WIDE, WIDE_ELEVATION = 0.5, np.radians(5)
 MIN_SHARE_OF_RING = 0.5  # of the turns, in which the median ring has a point
 MIN_SHARE_OF_TURNS = 0.25  # of all turns used
-STEP_M = 1.0  # metres between two turns that are used, where the position of the sensor is known
+TURN_SPACING_M = (
+    1.0  # metres between two turns that are used, where the position of the sensor is known
+)
 # Elsewhere: the share of far cells whose range has changed, by so many metres plus so much of it.
 CHANGED, BY_METRES, BY_SHARE = 0.2, 0.2, 0.05
 WIDE = 4  # columns of one of these cells
@@ -125,7 +127,7 @@ def content_of(parameters: FilterParameters) -> str:
     if parameters.mask == OFF:
         return OFF
     try:
-        data = read_small(Path(parameters.mask), LARGEST_FILE)
+        data = read_small(Path(parameters.mask), MAX_MASK_BYTES)
         return sha256(data).hexdigest()
     except OSError:
         return parameters.mask
@@ -141,15 +143,15 @@ def read_mask(path: Path) -> Mask:
 
     """
     try:
-        data = read_small(path, LARGEST_FILE)
+        data = read_small(path, MAX_MASK_BYTES)
         lines = data.decode('ascii').splitlines()
     except (OSError, ValueError) as err:
         reason = getattr(err, 'strerror', None) or 'bytes that are no text'
         raise ParameterError(f'the mask {path}', 'a readable file', f'"{reason}"') from err
-    if len(data) > LARGEST_FILE:
-        raise ParameterError(f'the mask {path}', f'of at most {LARGEST_FILE} bytes', 'more')
-    if lines[:2] != [HEAD, NAMES]:
-        must_be = f'one that begins with {HEAD!r} and {NAMES!r}'
+    if len(data) > MAX_MASK_BYTES:
+        raise ParameterError(f'the mask {path}', f'of at most {MAX_MASK_BYTES} bytes', 'more')
+    if lines[:2] != [HEAD, MASK_COLUMNS]:
+        must_be = f'one that begins with {HEAD!r} and {MASK_COLUMNS!r}'
         raise ParameterError(f'the mask {path}', must_be, repr(' '.join(lines[:2])))
     cells = [_cell(path, number, line) for number, line in enumerate(lines[2:], 3)]
     mask = Mask.nothing(1 + max((int(ring) for ring, *_ in cells), default=-1))
@@ -179,7 +181,7 @@ def _cell(path: Path, number: int, line: str) -> tuple[float, float, float, floa
 
 def as_text(mask: Mask) -> str:
     """Write a mask as :func:`read_mask` reads it, a line for each cell; ranges in millimetres."""
-    lines = [HEAD, NAMES]
+    lines = [HEAD, MASK_COLUMNS]
     for ring, column in np.argwhere(mask.is_seen).tolist():
         near, far = mask.near[ring, column], mask.far[ring, column]
         lines.append(f'{ring},{column},{near:.3f},{far:.3f}')
@@ -279,7 +281,7 @@ class MaskLearner:
         if self.taken == 0:
             return bool(np.isfinite(ranges).any())
         if place is not None and self._place is not None:
-            return bool(np.linalg.norm(place - self._place) >= STEP_M)
+            return bool(np.linalg.norm(place - self._place) >= TURN_SPACING_M)
         reach = self._bins * BIN
         both = np.isfinite(ranges) & np.isfinite(self._last)
         both &= np.maximum(ranges, self._last, where=both, out=np.zeros(both.shape)) > reach

@@ -20,7 +20,7 @@ MIN_PERIOD_NS, MAX_PERIOD_NS = 1_500_000, 120_000_000
 MIN_TURNS = 2.5  # of the stretch: fewer turns show no period
 MIN_TURN_RETURNS = 24  # of a turn: fewer are no profile
 LAG_RATIO = 1.002  # of neighbouring lags that are tried
-SAMPLES, ROUGH_SAMPLES = 800, 160  # points that show how far apart two turns are
+SAMPLE_POINTS, ROUGH_SAMPLE_POINTS = 800, 160  # points that show how far apart two turns are
 MIN_PAIRS = 40  # of them, with a return one lag later
 MAX_BESIDE_SHOTS = 1.5  # shots between a sample's time, one lag later, and the return there
 MAX_RESEMBLANCE = 0.3  # median distance at the period ÷ that at a typical lag
@@ -31,14 +31,14 @@ MULTIPLES = 12  # a lag may be so many periods: a scanner that stands sees all o
 INTERLEAVED_SHOTS = 160  # shots in which those of one beam recur, where several beams take turns
 FOLD_BINS = 128  # of a turn
 FOLD_WIDTH = 0.006  # relative: how far folding may move the period to either side
-FOLDS = 121  # periods that are tried there
+TRIED_PERIODS = 121  # periods that are tried there
 JUMP_STEPS = 5.0  # times the usual step: there the beam jumps
 FACET_BINS = 128  # of a turn, one of which has the jump from one facet to the next
 MIN_FACET_SHARE = 0.9  # of the turns have it
 MIN_JUMP_SHARE = 0.3  # of the usual jump: what is less is none
 GAP_BINS = 32  # of a turn, in which gaps are sought
 GAP_SHARE = 0.5  # of the usual returns in a bin: fewer are a gap
-REVERSALS = 96  # phases of a turn, half of it, at which a mirror that swings may reverse
+REVERSAL_PHASES = 96  # phases of a turn, half of it, at which a mirror that swings may reverse
 MAX_MIRRORED = 0.3  # median distance of points as long before and after a reversal ÷ their way
 
 
@@ -105,7 +105,7 @@ def find_mirror(t: Ints, xyz: Floats, period: float = 0.0) -> Mirror | None:
     pairs = _Pairs(t, xyz, step)
     count = int(np.log(most / least) / np.log(LAG_RATIO)) + 1
     lags = np.rint(least * LAG_RATIO ** np.arange(count))
-    apart = pairs.apart(lags, ROUGH_SAMPLES)
+    apart = pairs.apart(lags, ROUGH_SAMPLE_POINTS)
     known = np.isfinite(apart)
     typical = float(np.median(apart[known])) if known.any() else 0.0
     near = min(FLOOR_M + 2.0 * float(apart.min()), MAX_RESEMBLANCE * typical)
@@ -125,14 +125,14 @@ def _find_reversals(pairs: '_Pairs', mirror: Mirror) -> Mirror | None:
     It reverses twice in what was found to be a turn, half of it apart.
     """
     period = mirror.period
-    tried = period * np.arange(REVERSALS) / (2 * REVERSALS)
+    tried = period * np.arange(REVERSAL_PHASES) / (2 * REVERSAL_PHASES)
     for width in (1.0, 1.0 / 8.0):
         apart = np.array([pairs.mirrored(at, period / 2.0) for at in tried])
         best = int(apart.argmin())
         if not apart[best] <= MAX_MIRRORED:
             return None
         at = float(tried[best])
-        tried = at + period / (2 * REVERSALS) * width * np.linspace(-1.0, 1.0, 17)
+        tried = at + period / (2 * REVERSAL_PHASES) * width * np.linspace(-1.0, 1.0, 17)
     return Mirror(period / 2.0, int(pairs.t[0]) + round(at), mirror.resemblance, swings=True)
 
 
@@ -172,7 +172,7 @@ def count_beams(xyz: Floats) -> int:
     if most <= 1:
         return 1
     lags = np.arange(1, most)
-    some = np.arange(SAMPLES) * (len(xyz) - lags[:, None]) // SAMPLES
+    some = np.arange(SAMPLE_POINTS) * (len(xyz) - lags[:, None]) // SAMPLE_POINTS
     away = np.sqrt(((xyz[some + lags[:, None]] - xyz[some]) ** 2).sum(axis=2))
     return 1 + int(np.median(away, axis=1).argmin())
 
@@ -197,7 +197,7 @@ class _Pairs:
     def __init__(self, t: Ints, xyz: Floats, step: float) -> None:
         self.t, self.xyz, self.reach = t, xyz, MAX_BESIDE_SHOTS * step
 
-    def apart(self, lags: Floats, samples: int = SAMPLES) -> Floats:
+    def apart(self, lags: Floats, samples: int = SAMPLE_POINTS) -> Floats:
         """Return the median distance (L,), metres, of points one lag (ns) apart; inf: too few."""
         found = [self._apart(some, samples) for some in np.array_split(lags, -(-len(lags) // 64))]
         return np.concatenate(found)
@@ -211,14 +211,14 @@ class _Pairs:
         One reversal is ``at`` so long after the first return, others before and after it by whole
         times of a ``swing``; both ns.
         """
-        some = np.arange(SAMPLES) * len(self.t) // SAMPLES
+        some = np.arange(SAMPLE_POINTS) * len(self.t) // SAMPLE_POINTS
         after = (self.t[some] - self.t[0] - at) % swing
         (end, reached), (other, there) = (
             nearest_returns(self.t, self.t[some], -times * after, self.reach) for times in (1, 2)
         )
         if np.count_nonzero(there) < MIN_PAIRS:
             return np.inf
-        end = np.where(reached, end, np.roll(some, SAMPLES // 3))
+        end = np.where(reached, end, np.roll(some, SAMPLE_POINTS // 3))
         apart, way = (
             float(np.median(np.sqrt(((self.xyz[some] - self.xyz[one]) ** 2).sum(axis=1)[there])))
             for one in (other, end)
@@ -269,7 +269,7 @@ def fold(t: Ints, period: float, bins: int = FOLD_BINS) -> NDArray[np.int64]:
 def _fold_best(t: Ints, period: float) -> float:
     """Return the period near one at which gaps coincide best."""
     width = min(FOLD_WIDTH, period / float(t[-1] - t[0]))
-    tried = period * (1.0 + width * np.linspace(-1.0, 1.0, FOLDS))
+    tried = period * (1.0 + width * np.linspace(-1.0, 1.0, TRIED_PERIODS))
     # Epoch folding (Leahy et al. 1983): the counts differ most where the period is right.
     power = np.array([(fold(t, one) ** 2).sum() for one in tried])
     good = np.flatnonzero(power >= power.max() - 0.02 * (power.max() - power.min()))
@@ -284,7 +284,7 @@ def _find_facets(t: Ints, xyz: Floats, mirror: Mirror) -> Mirror:
     if not len(jumps):
         return begin
     best = 0, 0.0, np.empty(0, np.int64)
-    for period in mirror.period * (1.0 + FOLD_WIDTH * np.linspace(-1.0, 1.0, FOLDS)):
+    for period in mirror.period * (1.0 + FOLD_WIDTH * np.linspace(-1.0, 1.0, TRIED_PERIODS)):
         turned = (t[jumps + 1] - t[0]) / period
         place = ((turned - np.floor(turned)) * FACET_BINS).astype(np.int64) % FACET_BINS
         count = np.bincount(place, minlength=FACET_BINS)

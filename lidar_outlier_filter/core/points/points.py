@@ -22,7 +22,7 @@ LONGEST_NS = 2**61  # nanoseconds: 73 years, and sums of two still fit
 FARTHEST = 1e9
 LEAST_SIGMA_M = 1e-9  # metres: the least standard deviation
 COARSEST = 0.01  # metres between two float32 that still carry what sensors measure
-SAMPLE = 64  # points that show how far a cloud is from the origin
+SAMPLE_POINTS = 64  # points that show how far a cloud is from the origin
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def too_coarse(
     where = np.flatnonzero(valid)
     if not len(where) or not any(single):
         return ''
-    some = np.abs(xyz[where[:: -(-len(where) // SAMPLE)]][:, np.array(single)])
+    some = np.abs(xyz[where[:: -(-len(where) // SAMPLE_POINTS)]][:, np.array(single)])
     # No median is above the largest, which is found ten times as fast.
     if _step(float(some.max()), unit) <= COARSEST:
         return ''

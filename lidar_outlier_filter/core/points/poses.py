@@ -18,7 +18,7 @@ from lidar_outlier_filter.errors import PoseError
 
 KEPT_NS = 60 * SECOND  # poses that are older than the newest by more are forgotten
 MAX_POSES = 200_000
-ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
+NORM_TOLERANCE = 0.01  # how far the norm of a quaternion may be from 1
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def _checked(pose: tuple[float, ...]) -> tuple[float, ...]:
         got = ', '.join(f'{value:g}' for value in pose[:3])
         raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
     norm = math.hypot(*pose[3:])
-    if abs(norm - 1) > ROUNDING:
+    if abs(norm - 1) > NORM_TOLERANCE:
         raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
     return (*pose[:3], *(value / norm for value in pose[3:]))
 

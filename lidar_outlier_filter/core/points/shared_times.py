@@ -12,7 +12,7 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Ints
 
 MIN_SHOTS = 3  # of a tick: two points of one time may be two returns of a shot
-MIN_SHARE = 0.5  # of the shots have the time of the one before: the clock is coarse
+MIN_SHARE_OF_SHOTS = 0.5  # of the shots have the time of the one before: the clock is coarse
 FULL_TICKS = 90  # percentile of the shots of ticks: most ticks are full, and rarely two are one
 
 
@@ -48,8 +48,8 @@ def measure_clock(t: Ints, begins: Bools | None = None) -> Clock:
         return Clock(0.0, 0, 1)
     first = np.flatnonzero(np.append([True], times[1:] != times[:-1]))
     share = 1.0 - (len(first) - 1) / (len(times) - 1)
-    if share < MIN_SHARE or len(first) == 1:
-        return Clock(share, 0, 1 if share < MIN_SHARE else len(times))
+    if share < MIN_SHARE_OF_SHOTS or len(first) == 1:
+        return Clock(share, 0, 1 if share < MIN_SHARE_OF_SHOTS else len(times))
     elapsed = np.diff(times[first])
     # Those at the ends may be cut.
     sizes = np.diff(first)[1:] if len(first) > 2 else np.diff(first)  # noqa: PLR2004

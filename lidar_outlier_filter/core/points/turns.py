@@ -25,7 +25,7 @@ MIN_FACET, MAX_FACET = 0.95, 1.1  # periods that a facet takes
 KEPT_TURNS = 512  # whose beginnings late points find
 # Of a mirror that swings: places beside where it should reverse, at which it may, in turns; and how
 # long before and after it the beam is compared.
-REVERSALS = np.linspace(-1 / 32, 1 / 32, 17)
+REVERSAL_OFFSETS = np.linspace(-1 / 32, 1 / 32, 17)
 BESIDE_REVERSAL = np.linspace(1 / 64, 1 / 12, 12)
 MIN_BESIDE = 8  # of them with returns on both sides
 KEPT_PERIODS = 4  # before the next turn, whose points are kept
@@ -128,7 +128,7 @@ class TurnCounter:
 
     def _reversal(self, begin: int) -> float:
         """Return how much later than expected a mirror swings back, ns; 0 if it does not show."""
-        at, beside = self.period * REVERSALS[:, None], self.period * BESIDE_REVERSAL
+        at, beside = self.period * REVERSAL_OFFSETS[:, None], self.period * BESIDE_REVERSAL
         ahead, there = self._find(begin, at + beside)
         back, here = self._find(begin, at - beside)
         apart = np.sqrt(((self._xyz[ahead] - self._xyz[back]) ** 2).sum(axis=2))
@@ -138,7 +138,7 @@ class TurnCounter:
         mean[count < MIN_BESIDE] = np.inf
         if not np.isfinite(mean).any():
             return self._gap(begin)
-        return float(self.period * REVERSALS[mean.argmin()])
+        return float(self.period * REVERSAL_OFFSETS[mean.argmin()])
 
     def _is_alike(self, begin: int) -> bool:
         """Return whether the last turn lies where the one before does; true if none can tell."""

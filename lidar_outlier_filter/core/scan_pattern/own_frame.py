@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 
-SAMPLES = 64  # points of a ring that show where the sensor was
+SAMPLE_POINTS = 64  # points of a ring that show where the sensor was
 MIN_RING_RETURNS, MIN_RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
 MOMENT_S = 0.05  # seconds between the moments
 MAX_STRETCH_S = 2.0  # seconds: longer stretches would have too many moments
@@ -69,7 +69,9 @@ def find_own_frame(points: Points, order: Ints | None = None) -> Points | None:
     start, seconds = int(t.min()), float(np.ptp(t)) / SECOND
     if seconds > MAX_STRETCH_S:
         return None
-    rows = order[first[rings, None] + np.arange(SAMPLES) * np.diff(first)[rings, None] // SAMPLES]
+    rows = order[
+        first[rings, None] + np.arange(SAMPLE_POINTS) * np.diff(first)[rings, None] // SAMPLE_POINTS
+    ]
     guess = _first_guess(points.xyz[rows])
     east, north, _ = (points.xyz[order] - guess).T
     rate = SECOND * _kernels.turning_rate(np.arctan2(north, east), t, first)

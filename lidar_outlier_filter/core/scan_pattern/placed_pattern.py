@@ -49,10 +49,10 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
         order[part], phase[part], up[part] = some[rank], phase[part][rank], up[part][rank]
 
 
-UNKNOWN = np.float32(_kernels.UNKNOWN_BRIGHTNESS)
+UNKNOWN_BRIGHTNESS = np.float32(_kernels.UNKNOWN_BRIGHTNESS)
 STRETCH = 24  # cells on either side of a point: the reach of windows along a line
 PAD = _kernels.LANES + STRETCH  # cells: as many as are read side by side, and their reach
-NOWHERE = 1e9  # rad: the phase where there is no point
+NO_PHASE_RAD = 1e9  # rad: the phase where there is no point
 LINES_AT_ONCE = 4  # lines that a thread takes of long work
 POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are done before it wakes
 
@@ -150,8 +150,8 @@ def make_pattern(sizes: Ints, copies: Ints | None = None, **of_lines: Singles) -
         y=np.zeros(count, np.float32),
         z=np.zeros(count, np.float32),
         range=np.ones(count, np.float32),
-        phase=np.full(count, NOWHERE),
-        bright=np.full((2, count), UNKNOWN, np.float32),
+        phase=np.full(count, NO_PHASE_RAD),
+        bright=np.full((2, count), UNKNOWN_BRIGHTNESS, np.float32),
         **of_lines,
     )
 

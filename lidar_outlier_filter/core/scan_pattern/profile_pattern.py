@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     MAD_TO_SIGMA,
     MIN_RETURNS,
-    SAMPLES,
+    SAMPLE_RETURNS,
     Scanner,
     TimedLines,
     find_scanner,
@@ -224,7 +224,9 @@ def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
     By the differences from what the neighbours in the line predict, of some returns.
     """
     sizes = np.diff(first)
-    inner = first[:-1, None] + 1 + np.arange(SAMPLES) * (sizes[:, None] - 2) // SAMPLES
+    inner = (
+        first[:-1, None] + 1 + np.arange(SAMPLE_RETURNS) * (sizes[:, None] - 2) // SAMPLE_RETURNS
+    )
     some = inner[sizes >= MIN_RETURNS].ravel()
     span = phase[some + 1] - phase[some - 1]
     part = (phase[some] - phase[some - 1]) / np.where(span > 0.0, span, 1.0)

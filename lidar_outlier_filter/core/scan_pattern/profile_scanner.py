@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
-SAMPLES = 64  # returns of a line that show where the scanner is
+SAMPLE_RETURNS = 64  # returns of a line that show where the scanner is
 MIN_RETURNS = 32  # returns of a line, fewer show nothing
 MIN_KNOWN_SHARE = 0.5  # share of the lines whose own returns must show the scanner's position
 # Turns after which the drift of a wrong period is measured, one fit after the other.
@@ -47,8 +47,8 @@ POSITION_PARTS = (
     1024.0  # parts of a metre, and of m/s, that positions and velocities are rounded to
 )
 PERIOD_PARTS = 16.0  # parts of a nanosecond that the period is rounded to
-EVENLY = np.arange(SAMPLES) / SAMPLES  # of a line
-UNEVENLY = (np.arange(SAMPLES) + np.arange(SAMPLES) * 0.618 % 1.0) / SAMPLES
+EVENLY = np.arange(SAMPLE_RETURNS) / SAMPLE_RETURNS  # of a line
+UNEVENLY = (np.arange(SAMPLE_RETURNS) + np.arange(SAMPLE_RETURNS) * 0.618 % 1.0) / SAMPLE_RETURNS
 LINES_AT_ONCE = 256  # that a thread fits
 # Rad to either side that are tried, and then those between the two beside the best. From the air a
 # mirror swings less: there trees on the neighbours, which know such clouds, judge better.
@@ -271,7 +271,7 @@ def find_swing(xyz: Floats, wave: Floats, tried: Floats = SWINGS) -> tuple[float
     returns to its angles.
     """
     for _ in range(3):
-        angles = (tried[:, None, None] * wave).reshape(-1, SAMPLES)
+        angles = (tried[:, None, None] * wave).reshape(-1, SAMPLE_RETURNS)
         fit = fit_lines(np.tile(xyz, (len(tried), 1, 1)), angles)
         off = np.median(fit.off.reshape(len(tried), -1), axis=1) / tried
         k = int(off.argmin())

@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import MIN_RING_RETURNS, find_pattern
 from lidar_outlier_filter.core.scan_pattern.steady_times import with_steady_times
 
-SAMPLES = 64  # returns of a ring that show its elevation
+SAMPLE_RETURNS = 64  # returns of a ring that show its elevation
 # Median deviation of a ring's elevations ÷ angle to the ring beside it. Of real sensors it was 0.12
 # and less, as lenses sit beside the axis; of the same rings seen from elsewhere 0.8 and more.
 AGREES, DISAGREES = 0.25, 2.0  # between: motion within a turn, or a frame a few metres away
@@ -44,7 +44,7 @@ MAX_MISSES = 3  # blocks without rings, after which a stream has none
 # Of two sensors it was 0.92 and more, of one, in any frame, 0.14 and less.
 MIN_TURNS_SHARE = 0.5
 LATER, OFF_TIMES = (2, 3, 4), 4.0  # returns on; times as far
-STRETCHES = 64  # of time
+TIME_STRETCHES = 64  # of time
 MIN_STRETCH_PART = 0.25  # of the returns that a ring has in a stretch on average
 MIN_TIMED_SHARE = 0.3  # of the stretches, in which a typical ring has returns
 MIN_RING_GAP_RAD = 1e-4  # rad: rings nearer to each other are far from the origin
@@ -202,10 +202,14 @@ def _are_timed_together(points: Points) -> bool:
     Stretches of time are those of equal numbers of points.
     """
     stretch = np.empty(len(points), np.int64)
-    stretch[np.argsort(points.t, kind='stable')] = np.arange(len(points)) * STRETCHES // len(points)
+    stretch[np.argsort(points.t, kind='stable')] = (
+        np.arange(len(points)) * TIME_STRETCHES // len(points)
+    )
     _, ring = np.unique(points.line, return_inverse=True)
-    count = np.bincount(ring * STRETCHES + stretch, minlength=(ring.max() + 1) * STRETCHES)
-    part = count.reshape(-1, STRETCHES) >= MIN_STRETCH_PART * len(points) / len(count)
+    count = np.bincount(
+        ring * TIME_STRETCHES + stretch, minlength=(ring.max() + 1) * TIME_STRETCHES
+    )
+    part = count.reshape(-1, TIME_STRETCHES) >= MIN_STRETCH_PART * len(points) / len(count)
     return bool(np.median(part.mean(axis=1)) >= MIN_TIMED_SHARE)
 
 
@@ -330,5 +334,7 @@ def ring_spread(points: Points, order: Ints, *, spins: bool = False) -> float:
     full = np.flatnonzero(count >= MIN_RING_RETURNS)
     if len(full) <= 1:
         return 0.0
-    some = order[first[full, None] + np.arange(SAMPLES) * count[full, None] // SAMPLES]
+    some = order[
+        first[full, None] + np.arange(SAMPLE_RETURNS) * count[full, None] // SAMPLE_RETURNS
+    ]
     return _spread(_sines(points.xyz[some]))

@@ -12,10 +12,12 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
-SAMPLES = 256  # points that show it
+SAMPLE_POINTS = 256  # points that show it
 MAX_TYPICAL_RANGE_M = 150.0  # m: median; of sensors on the ground it is 100 m at most
 FAR_TIMES = 8.0  # times as far as the nearest point of all other lines: not beside it
-OWN_TIMES = 4.0  # and times as far as the nearest of its own line: lines may lie on each other
+MIN_RATIO_TO_OWN = (
+    4.0  # and times as far as the nearest of its own line: lines may lie on each other
+)
 # Share of the points that are beside nothing. Of recordings it was 0.14 and less, of small
 # simulated roads 0.25, in whose own frame lines lie on each other; of strips, and of turns seen
 # from elsewhere than the sensor, 0.52 and more, but for some that are too far.
@@ -42,11 +44,11 @@ def apart_share(pattern: Pattern) -> float:
     xyz = np.stack([pattern.x, pattern.y, pattern.z], axis=1)[cells].astype(np.float64)
     phase, size = pattern.phase[cells], pattern.last - pattern.first
     line, first = np.repeat(np.arange(len(size)), size), np.append(0, np.cumsum(size))
-    some = np.unique(np.arange(SAMPLES) * len(cells) // SAMPLES)
+    some = np.unique(np.arange(SAMPLE_POINTS) * len(cells) // SAMPLE_POINTS)
     beside = _nearest_beside(xyz, phase, line, first, some)
     axis = int(np.ptp(xyz, axis=0).argmax())
     by_axis = np.argsort(xyz[:, axis], kind='stable')
-    at, away = xyz[by_axis, axis], np.minimum(beside, np.finfo(np.float64).max) / OWN_TIMES
+    at, away = xyz[by_axis, axis], np.minimum(beside, np.finfo(np.float64).max) / MIN_RATIO_TO_OWN
     middle = np.searchsorted(at, xyz[some, axis])
     begin = np.maximum(np.searchsorted(at, xyz[some, axis] - away), middle - MAX_COMPARED)
     end = np.searchsorted(at, xyz[some, axis] + away, side='right')
@@ -59,7 +61,7 @@ def apart_share(pattern: Pattern) -> float:
         same = line[near] == line[i]
         if np.isinf(beside[k]) or (
             (FAR_TIMES * distance[~same] < beside[k]).any()
-            and (OWN_TIMES * distance[same] < beside[k]).any()
+            and (MIN_RATIO_TO_OWN * distance[same] < beside[k]).any()
         ):
             apart += 1
     return apart / max(len(some), 1)

@@ -53,7 +53,7 @@ def brightness(order: Ints, reach: Singles, intensity: Singles, threads: int = 0
         lambda i, j: _kernels.compare_brightness(
             order, reach, intensity, usual, limits, i, j, bright
         ),
-        *(len(order), AT_ONCE, threads),
+        *(len(order), POINTS_AT_ONCE, threads),
     )
     return bright
 
@@ -71,7 +71,7 @@ BESIDE_EACH = 2  # rings beside each, below and above
 MIN_RING_RETURNS = 2 * _kernels.TURNING_LAG  # returns of a ring that show how fast the head turns
 MIN_STEADY_SHARE = 0.9  # of the steps along rings go the way the head turns, or there is no pattern
 MAX_BEHIND_RAD = 0.1  # in rows of a range image: the returns of a packet may come in any order
-AT_ONCE = 1 << 14  # points that a thread takes
+POINTS_AT_ONCE = 1 << 14  # points that a thread takes
 MIN_GAP_RAD = 1e-4  # rad between rings
 MIN_COSINE = 1e-3  # of an elevation: a beam straight up has no azimuth
 MAX_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
@@ -150,7 +150,10 @@ def _turn(lines: OrderedLines, t: Ints, in_rows: bool, threads: int) -> Turned |
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
     pool.run(
-        lambda i, j: _kernels.write_directions(lines, i, j, azimuth, up), count, AT_ONCE, threads
+        lambda i, j: _kernels.write_directions(lines, i, j, azimuth, up),
+        count,
+        POINTS_AT_ONCE,
+        threads,
     )
     rate = _kernels.turning_rate(azimuth, t, lines.first)
     if not abs(rate) > 0.0:

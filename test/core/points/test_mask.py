@@ -69,7 +69,7 @@ def test_file_says_all_of_a_mask(tmp_path: Path) -> None:
     assert masks.read_mask(path).near.shape == (0, masks.COLUMNS)
 
 
-GOOD = f'{masks.HEAD}\n{masks.NAMES}\n'
+GOOD = f'{masks.HEAD}\n{masks.MASK_COLUMNS}\n'
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
-    NAMES,
+    FEATURE_NAMES,
     SURVEY_MODEL,
     Trees,
 )
@@ -228,7 +228,7 @@ def test_file_of_surveys_is_complete_and_repeats(walls: list[SurveyScene]) -> No
     first, second = (train_in_folds(scenes, few, {'about': 'a test'}) for _ in range(2))
     assert first.text == second.text
     data = json.loads(first.text)
-    assert data['uses'] == list(NAMES[SURVEY_MODEL][1])
+    assert data['uses'] == list(FEATURE_NAMES[SURVEY_MODEL][1])
     assert data['scenes'] == [scene.name for scene in walls]
     assert len(data['first']['features']) == len(data['again']['features']) == 4
     assert set(data['held_out']['kinds']) == {'walls'}

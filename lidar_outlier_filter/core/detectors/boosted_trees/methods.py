@@ -20,9 +20,9 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     prepare_all,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    FEATURE_NAMES,
     FREE_MODEL,
     MIN_LOG_ODDS,
-    NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
     SURVEY_MODEL,
@@ -285,7 +285,7 @@ def contributions(
     """
     method, found = choose(seen, parameters)
     if found is not None:
-        names = NAMES[found.model][1]
+        names = FEATURE_NAMES[found.model][1]
         added = np.zeros((len(names), np.count_nonzero(selected)), np.float32)
         column = np.cumsum(selected) - 1
 
@@ -295,7 +295,9 @@ def contributions(
         _each_stretch(seen, found, parameters, selected, work)
         return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
-        return Contributions(method.value, NAMES[SURVEY_MODEL][1], _of_survey(seen, selected))
+        return Contributions(
+            method.value, FEATURE_NAMES[SURVEY_MODEL][1], _of_survey(seen, selected)
+        )
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing)
 
@@ -360,7 +362,7 @@ def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:
     reason = np.zeros(len(rejected), np.uint8)
     if rejected.any():
         added = _of_survey(seen, rejected)
-        names = NAMES[SURVEY_MODEL][1]
+        names = FEATURE_NAMES[SURVEY_MODEL][1]
         first = added[names.index('first')]
         first[first > 0] = np.finfo(np.float32).tiny
         number = {name: key for key, name in features.SURVEY_REASON_NAMES.items()}

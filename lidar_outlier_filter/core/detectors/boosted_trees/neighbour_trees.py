@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import K
 
 NO_VALUES = np.empty((0, 0), np.float32)
-AT_ONCE = 4096  # points that a thread takes at once
+POINTS_AT_ONCE = 4096  # points that a thread takes at once
 
 
 def measure(
@@ -99,7 +99,7 @@ def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     near = Near(hood.xyz, hood.nearest(K).index, np.sqrt(radius, out=radius), around, unknown)
     pool.run(
         lambda i, j: _kernels.write_large_components(near, i, j, is_large),
-        *(len(radius), AT_ONCE, hood.threads),
+        *(len(radius), POINTS_AT_ONCE, hood.threads),
     )
     return near._replace(is_large=is_large)
 
@@ -109,7 +109,7 @@ def first_odds(near: Near, trees: Trees, threads: int = 0) -> Singles:
     odds, every = np.empty(len(near.radius), np.float32), np.empty(0, np.int64)
     pool.run(
         lambda i, j: _kernels.judge_near(near, trees, every, i, j, odds, NO_VALUES),
-        *(len(odds), AT_ONCE, threads),
+        *(len(odds), POINTS_AT_ONCE, threads),
     )
     return odds
 
@@ -122,7 +122,7 @@ def second_odds(
     far = Far(near, first, hood.nearest_of(which, min(MAX_NEIGHBOURS, len(hood) - 1)))
     pool.run(
         lambda i, j: _kernels.judge_far(far, trees, which, i, j, odds, NO_VALUES),
-        *(len(which), AT_ONCE // 8, hood.threads),
+        *(len(which), POINTS_AT_ONCE // 8, hood.threads),
     )
     return odds
 

@@ -22,7 +22,7 @@ PROFILE_MODEL = 'profile_model.json'
 SURVEY_MODEL = 'survey_model.json'  # of the nearest neighbours
 MIXED_MODEL = 'mixed_model.json'  # of mixed pixels: one ensemble
 # The features of both passes.
-NAMES = {
+FEATURE_NAMES = {
     PATTERN_MODEL: ((*features.WINDOW,), (*features.WINDOW, *features.SECOND_PASS)),
     PROFILE_MODEL: (
         (*features.WINDOW, *features.PROFILE),
@@ -30,7 +30,7 @@ NAMES = {
     ),
     SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
 }
-NAMES[FREE_MODEL] = NAMES[PATTERN_MODEL]
+FEATURE_NAMES[FREE_MODEL] = FEATURE_NAMES[PATTERN_MODEL]
 QUESTIONS, VALUES = 7, 8  # inner nodes and leaves of a tree of depth 3
 MIN_LOG_ODDS = -8.0  # a score of 0
 # find_valleys() tries log-odds in steps, and counts the points within NEAR_LOG_ODDS of each. It
@@ -100,7 +100,7 @@ def load(name: str = PATTERN_MODEL) -> TreeModel:
         If its version or a feature is unknown.
 
     """
-    data, (names, names_again) = read_file(name), NAMES[name]
+    data, (names, names_again) = read_file(name), FEATURE_NAMES[name]
     return TreeModel(
         read_trees(data['first'], names),
         read_trees(data['again'], names_again),

@@ -41,7 +41,7 @@ from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern import profile_scanner
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLES, Fit, fit_lines
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import SAMPLE_RETURNS, Fit, fit_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -113,7 +113,9 @@ def test_scanner_equals_naive(lost: float, moved: tuple[float, float, float]) ->
     """Position and residuals of each line equal the naive fit, also if fitted alone."""
     drive = Drive(2, lost)
     first = line_starts(drive.line)
-    sampled = first[:-1, None] + np.arange(SAMPLES) * np.diff(first)[:, None] // SAMPLES
+    sampled = (
+        first[:-1, None] + np.arange(SAMPLE_RETURNS) * np.diff(first)[:, None] // SAMPLE_RETURNS
+    )
     xyz, turned = (drive.points.xyz + moved)[sampled], drive.angle[sampled] + 0.7
     found = fit_lines(xyz, turned)
     for line, rows in enumerate(xyz):

@@ -23,8 +23,8 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     strongest_of_trees,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    FEATURE_NAMES,
     MIN_LOG_ODDS,
-    NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
     SURVEY_MODEL,
@@ -42,7 +42,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.report.points import MAX_REASONS
+from lidar_outlier_filter.report.points import MAX_CODES
 
 SNOW, ARMS = sweep(5, 0.2, 1.4, columns=200), Drive(12, 0.1, lines=20, shots=400, strays=0.03)
 CLOUDS = {'spinning': SNOW, 'profile': ARMS.points}
@@ -63,7 +63,7 @@ def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np
     pattern = find_either(points, sensor)
     assert pattern is not None
     some, name = prepare_all(pattern), pattern.model
-    model, names = load(name), np.array(NAMES[name][1])
+    model, names = load(name), np.array(FEATURE_NAMES[name][1])
     first = first_pass(some, model.first)
     values = measure(some, first)
     once, twice = contribute(model.first, values), contribute(model.again, values)
@@ -239,4 +239,4 @@ def test_reasons_without_a_scan_pattern() -> None:
     strongest = np.array(others)[found.added[others].argmax(axis=0)]
     named = [reasons()[number].name for number in verdict.reason[verdict.rejected]]
     assert named == [found.names[k] for k in strongest]
-    assert len(reasons()) <= MAX_REASONS  # that a page can show
+    assert len(reasons()) <= MAX_CODES  # that a page can show

@@ -20,7 +20,12 @@ from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import
     Far,
     Near,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, Trees, load
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    FEATURE_NAMES,
+    SURVEY_MODEL,
+    Trees,
+    load,
+)
 from lidar_outlier_filter.core.neighbours.floor import Floor, measure_floor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.typical import (
@@ -111,7 +116,7 @@ def test_features_against_loops(name: str) -> None:
     given = odds[np.argsort(hood.order)].tolist()
     expected = np.array(naive.near_features(positions, around(xyz).typical)).T
     wide = np.array(naive.far_features(positions, given, around(xyz).typical)).T
-    for n, feature in enumerate(NAMES[SURVEY_MODEL][1]):
+    for n, feature in enumerate(FEATURE_NAMES[SURVEY_MODEL][1]):
         if feature in VAGUE.get(name, ()):
             continue
         loop = expected[n] if n < len(expected) else wide[n - len(expected)]
