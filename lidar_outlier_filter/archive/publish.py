@@ -132,7 +132,8 @@ def find_outputs(
 ) -> tuple[ArchiveRecord | None, dict[str, RecordingPath]]:
     """Return the sidecar of a task, and its outputs that exist, by name below the output folder.
 
-    Whatever is not an unchanged output is refused; ``read`` does not trust equal states.
+    Whatever is not an unchanged output is refused; ``read`` does not trust equal states. Those of
+    options that are no longer given are among them.
     """
     noted = sidecar.read(task.sidecar)
     marks = {} if noted is None else noted.outputs
@@ -142,6 +143,10 @@ def find_outputs(
     for name, path in found.items():
         if name not in marks or not agrees(path, marks[name], read=read):
             raise foreign(path)
+    for name, mark in marks.items():  # of options that are no longer given, such as --list
+        path = task.folder / name
+        if name not in found and exists(path) and agrees(path, mark, read=read):
+            found[name] = path
     return noted, found
 
 
@@ -188,10 +193,14 @@ def _rename(task: Task, built: Path, older: Path, text: str) -> None:
         stream.write(text)
         stream.flush()
         os.fsync(stream.fileno())  # not empty after a loss of power, either
-    find_outputs(task, read=True)
+    _, found = find_outputs(task, read=True)
     for path in paths:
         if exists(path):
             path.rename(older / path.name)
+    for number, left in enumerate(Path(str(path)) for path in found.values() if exists(path)):
+        left.rename(older / f'{number}')
+        with suppress(OSError):  # it is not empty
+            left.parent.rmdir()
     own.parent.mkdir(parents=True, exist_ok=True)
     (built / own.name).replace(own)
     for path in paths:

@@ -161,6 +161,9 @@ def test_lists_of_several_files(tmp_path: Path, capsys: Capture) -> None:
     one = 'given for one file, or csv or gpkg for each, got 2 files'
     dry = '--list of several files must be left out with --dry-run, got csv'
     assert capsys.readouterr().err == f'--list must be {one}\n{dry}\n'
+    path.write_text('mine')
+    assert main(words[:-1]) == 0
+    assert [file.read_text() for file in (tmp_path / 'out').rglob('*.rejected.csv')] == ['mine']
 
 
 # Time and scan lines
