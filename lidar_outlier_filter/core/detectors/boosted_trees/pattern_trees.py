@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     PROFILE,
     REASON_NAMES,
@@ -117,12 +117,13 @@ def judge(
     odds = second_pass(prepared, first, trees.again, trees.doubtful, threads)
     known = odds[pattern.order >= 0]
     (own,) = find_valleys(known, np.array([trees.threshold]), trees.drop)
-    between = mixed_odds(prepared, first, trees.mixed, threads)
-    every, is_mixed = np.maximum(odds, between), between > odds
-    score, rejected = scale(pattern, every, threshold * (float(own) - MIN_LOG_ODDS), threads)
+    mixed = raise_mixed(prepared, first, trees.mixed, odds, threads)
+    score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
     if reason is not None:
-        found = strongest_of_trees(prepared, first, trees, rejected & ~is_mixed, threads)
-        found[rejected & is_mixed] = _NUMBERS['between_surfaces']
+        mixed = mixed[rejected[mixed]]
+        rejected[mixed] = False
+        found = strongest_of_trees(prepared, first, trees, rejected, threads)
+        found[mixed] = _NUMBERS['between_surfaces']
         spread(pattern, found, reason)
     return score
 
@@ -167,13 +168,18 @@ def second_pass(
     return result
 
 
-def mixed_odds(prepared: Prepared, first: FirstPass, trees: Trees, threads: int = 0) -> Singles:
-    """Return the log-odds (M,) that each place is between two surfaces; without trees the least."""
-    result = np.full(len(first.score), MIN_LOG_ODDS, np.float32)
-    if len(trees.value) > 0:
-        asked = may_be_mixed(prepared.pattern, first.score)
-        write_odds(prepared, None, asked, trees, threads, result)
-    return result
+def raise_mixed(
+    prepared: Prepared, first: FirstPass, trees: Trees, odds: Singles, threads: int = 0
+) -> Ints:
+    """Raise log-odds (M,) to those of being between two surfaces; return the places that rise."""
+    if len(trees.value) == 0:  # of spinning sensors
+        return np.empty(0, np.int64)
+    between = np.full(len(odds), MIN_LOG_ODDS, np.float32)
+    asked = may_be_mixed(prepared.pattern, first.score)
+    write_odds(prepared, None, asked, trees, threads, between)
+    rises = np.flatnonzero(between > odds)
+    odds[rises] = between[rises]
+    return rises
 
 
 def may_be_mixed(pattern: Pattern, score: Singles) -> Bools:
