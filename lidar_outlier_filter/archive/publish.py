@@ -67,7 +67,7 @@ def locked(folder: RecordingPath) -> Iterator[None]:
 
 
 def _remove_empty(folder: Path) -> None:
-    with suppress(OSError):  # it is not
+    with suppress(OSError):  # it is not empty
         folder.rmdir()
 
 
@@ -199,8 +199,7 @@ def _rename(task: Task, built: Path, older: Path, text: str) -> None:
             path.rename(older / path.name)
     for number, left in enumerate(Path(str(path)) for path in found.values() if exists(path)):
         left.rename(older / f'{number}')
-        with suppress(OSError):  # it is not empty
-            left.parent.rmdir()
+        _remove_empty(left.parent)
     own.parent.mkdir(parents=True, exist_ok=True)
     (built / own.name).replace(own)
     for path in paths:

@@ -4,7 +4,6 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +45,7 @@ def judge_with_buffer(
     found = judge(Points(xyz, zeros, zeros, valid, field=field))
     verdict = found.take(slice(len(own)))
     note = f'judged beside {len(beside)} points of {len(names)} other files'
-    return replace(loaded, note='; '.join(filter(None, (loaded.note, note)))), verdict
+    return loaded.noted(note), verdict
 
 
 def _read_beside(

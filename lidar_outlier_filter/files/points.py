@@ -62,6 +62,10 @@ class Loaded:
     note: str = ''
     more: Columns = field(default_factory=dict)
 
+    def noted(self, *notes: str) -> 'Loaded':
+        """Return it with further notes, those that are not empty."""
+        return replace(self, note='; '.join(filter(None, (self.note, *notes))))
+
     @property
     def rings(self) -> int:
         """The number of rings that were recovered from elevations; 0: none."""
@@ -156,9 +160,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     if found.lack:
         check_chain(parameters.chain, str(file.path), found.lack)
     if field_name and not fields:
-        found = replace(
-            found, note='; '.join(filter(None, (found.note, usual.missing(field_name))))
-        )
+        found = found.noted(usual.missing(field_name))
     return replace(found, more=kept)
 
 

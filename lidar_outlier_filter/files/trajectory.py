@@ -100,7 +100,7 @@ def with_trajectory(  # noqa: PLR0913  points, and where the scanner was
         must_be = f'those of the points, and within {_MAX_RANGE_M:g} m of them'
         raise CloudError(f'the coordinates of {path}', must_be, f'{middle:g} m away')
     said = f'seen from {path.name}, {middle:.1f} m away, mostly {near:.1f} to {far:.1f} m'
-    return replace(loaded, points=seen, note='; '.join(filter(None, (loaded.note, said, note))))
+    return replace(loaded, points=seen).noted(said, note)
 
 
 def _read_trajectory(path: Path, file: CloudFile, units: list[float]) -> _Track:

@@ -19,19 +19,8 @@ from lidar_outlier_filter.report.sources import ReportCloud
 STEP_BITS = 21  # of a point, for the steps of all sliders
 MAX_FACTOR = 3.0  # the smallest critical value is the given one ÷ this
 MAX_REJECTED = 0.5  # share of the tested points that a step may reject
-RANGE_EDGES_M = (
-    0.0,
-    5.0,
-    10.0,
-    20.0,
-    30.0,
-    40.0,
-    50.0,
-    75.0,
-    100.0,
-    150.0,
-    200.0,
-)  # lower edges, m
+# Lower edges, m.
+RANGE_EDGES_M = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 75.0, 100.0, 150.0, 200.0)
 SCORE_BINS, MAX_SCORE = 80, 4.0  # the last bin also holds larger scores
 SCORE_TOLERANCE = 3e-7  # relative, of a score in single precision: closer to a limit is uncertain
 NO_TRUTH, GOOD, BAD = range(3)

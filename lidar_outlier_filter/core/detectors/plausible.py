@@ -10,9 +10,8 @@ from lidar_outlier_filter.core.annotations import Bools, Floats
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import CloudError
 
-MIN_REJECTED_SHARE = (
-    0.03  # of the points, up to which nothing is checked: clean data have far less rejected
-)
+# Of the points, up to which nothing is checked: clean data have far less rejected.
+MIN_REJECTED_SHARE = 0.03
 MIN_REJECTED = 64  # points, fewer show no surface
 SAMPLE_POINTS = 512  # rejected points that are looked at
 NEAREST = 8  # other rejected points

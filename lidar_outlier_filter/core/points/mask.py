@@ -35,9 +35,7 @@ MIN_SHARE_OF_RETURNS = 0.5  # of the turns with a return in a cell, in which a r
 MAX_SHARE_OF_WIDE, WIDE_ELEVATION = 0.5, np.radians(5)
 MIN_SHARE_OF_RING = 0.5  # of the turns, in which the median ring has a point
 MIN_SHARE_OF_TURNS = 0.25  # of all turns used
-TURN_SPACING_M = (
-    1.0  # metres between two turns that are used, where the position of the sensor is known
-)
+TURN_SPACING_M = 1.0  # between two turns that are used, where the sensor's position is known
 # Elsewhere: the share of far cells whose range has changed, by so many metres plus so much of it.
 CHANGED, BY_METRES, BY_SHARE = 0.2, 0.2, 0.05
 WIDE = 4  # columns of one of these cells

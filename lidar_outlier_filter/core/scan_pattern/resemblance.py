@@ -15,9 +15,8 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 SAMPLE_POINTS = 256  # points that show it
 MAX_TYPICAL_RANGE_M = 150.0  # m: median; of sensors on the ground it is 100 m at most
 FAR_TIMES = 8.0  # times as far as the nearest point of all other lines: not beside it
-MIN_RATIO_TO_OWN = (
-    4.0  # and times as far as the nearest of its own line: lines may lie on each other
-)
+# And times as far as the nearest of its own line: lines may lie on each other.
+MIN_RATIO_TO_OWN = 4.0
 # Share of the points that are beside nothing. Of recordings it was 0.14 and less, of small
 # simulated roads 0.25, in whose own frame lines lie on each other; of strips, and of turns seen
 # from elsewhere than the sensor, 0.52 and more, but for some that are too far.
