@@ -104,8 +104,7 @@ def _how(options: argparse.Namespace) -> dict[str, Any]:
     labels = [path.name for path in options.labels or []]
     how = {'version': __version__, 'verdicts': options.verdicts.name, 'labels': labels, **given}
     if is_recording(options.verdicts):
-        from lidar_outlier_filter.recordings.bags import Recording
-        from lidar_outlier_filter.recordings.provenance import history
+        from lidar_outlier_filter.recordings.bags import Recording, history
 
         with Recording(options.verdicts) as source:
             return {**how, 'history': history(source.custom_data)}

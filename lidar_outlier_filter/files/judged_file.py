@@ -18,8 +18,7 @@ from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
-from lidar_outlier_filter.core.neighbours.floor import count_low
-from lidar_outlier_filter.core.points.heights import is_high
+from lidar_outlier_filter.core.neighbours.floor import count_low, is_high
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MAX_TURN_POINTS
 from lidar_outlier_filter.core.verdict import Verdict

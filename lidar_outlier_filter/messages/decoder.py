@@ -4,20 +4,17 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Rows, Singles
 from lidar_outlier_filter.core.detectors.registry import read_field, reads
 from lidar_outlier_filter.core.points import columns
-from lidar_outlier_filter.core.points.line_recovery import Claim
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, mask_of, masked
 from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
-from lidar_outlier_filter.core.scan_pattern.recognise import rows_are_columns
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
     AXES,
@@ -26,52 +23,18 @@ from lidar_outlier_filter.messages.cloud import (
     is_empty,
     structured,
 )
-from lidar_outlier_filter.messages.laser_scan import TIME_FIELD, TIME_UNIT, ScanCloud
+from lidar_outlier_filter.messages.convention import (
+    SCAN_SOURCE,
+    Convention,
+    column_of,
+    detect,
+    named_field,
+    numbers_in,
+    of_scan,
+)
+from lidar_outlier_filter.messages.laser_scan import ScanCloud
 from lidar_outlier_filter.messages.stamps import StampCheck
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-SCAN_SOURCE = 'scan'  # the source of lines of a 2-D scanner, whose messages are lines
-
-
-@dataclass(frozen=True)
-class Convention:
-    """How clouds of one field layout are read; a field is ``None`` if the layout lacks it."""
-
-    time_field: str | None
-    time_unit: str
-    time_is_absolute: bool
-    line_source: str
-    line_field: str | None
-    warning: str = ''
-    is_final: bool = True  # False while all times are 0, which leaves unit and reference open
-    unit_is_known: bool = True  # False while times are too few to show it
-    claim: Claim | None = None  # what time and geometry shall confirm; None: lines are as given
-    is_counter: bool = False  # of 32 bits: it begins again from 0
-
-    @property
-    def has_rings(self) -> bool:
-        """Whether the scan lines are the sensor's rings."""
-        return self.line_source in {'field', 'row', 'column'}
-
-    @property
-    def is_message(self) -> bool:
-        """Whether each message is a scan line."""
-        return self.line_source in {'message', SCAN_SOURCE}
-
-    def __str__(self) -> str:
-        """Describe it for the log."""
-        if self.line_source == SCAN_SOURCE:
-            return 'times from time_increment, each scan is a scan line'
-        if self.time_field is None:
-            time = 'times from points_per_second'
-        else:
-            reference = 'absolute' if self.time_is_absolute else 'from the header stamp'
-            reference = 'a counter of 32 bits' if self.is_counter else reference
-            time = f'times from field {self.time_field!r} ({self.time_unit}, {reference})'
-        if self.claim is not None and self.line_source == 'message':
-            return f'{time}, no line field'
-        lines = f'field {self.line_field!r}' if self.line_field else self.line_source
-        return f'{time}, scan lines by {lines}'
 
 
 class Decoder:
@@ -121,10 +84,10 @@ class Decoder:
             return _empty_points(with_sigma=bool(self.parameters.sigma_field))
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
-            xyz[:, i] = _column(view, axis)
+            xyz[:, i] = column_of(view, axis)
         valid = returns(xyz)
         if isinstance(msg, ScanCloud):
-            convention = self._of_scan() if valid.any() else None
+            convention = self._with_rings(of_scan(self.parameters)) if valid.any() else None
         else:
             convention = self._convention(view, valid, xyz)
         if convention is None:
@@ -196,7 +159,7 @@ class Decoder:
             return self._noting_counter(found, view, valid)
         if not valid.any():
             return None
-        new = self._detect(view, valid, xyz)
+        new = self._with_rings(detect(view, valid, xyz, self.parameters))
         if found is None or not is_final or new.time_unit != found.time_unit:
             return self._noting_counter(new, view, valid)
         return replace(found, unit_is_known=new.unit_is_known)
@@ -205,7 +168,7 @@ class Decoder:
         """Note that times do not count from the stamp, once they show it."""
         if found.is_counter or not found.time_field or self.parameters.time_reference != 'auto':
             return found
-        times = _column(view, found.time_field)
+        times = column_of(view, found.time_field)
         return replace(found, is_counter=columns.Counter.is_one(times, valid, found.time_unit))
 
     def _store(self, dtype: np.dtype[np.void], convention: Convention) -> None:
@@ -239,74 +202,11 @@ class Decoder:
             self._has_warned_of_steps = True
             self._warn(warning)
 
-    def _of_scan(self) -> Convention:
-        """Return how scans are read: nothing is to be found, and each is a scan line."""
-        has_scores = self.parameters.scores
-        warning = 'scans have no room for scores, which are left out' if has_scores else ''
-        return self._with_rings(
-            Convention(TIME_FIELD, TIME_UNIT, False, SCAN_SOURCE, None, warning)  # noqa: FBT003
-        )
-
     def _with_rings(self, found: Convention) -> Convention:
         """Refuse a convention without rings, if there is a mask."""
         if self._mask is not None and not found.has_rings:
             raise CloudError('the scan lines', NEEDS_RINGS, f'by {found.line_source}')
         return found
-
-    def _detect(self, view: Rows, valid: Bools, xyz: Floats) -> Convention:
-        parameters = self.parameters
-        names = ', '.join(view.dtype.names or ())
-        warnings, is_final, is_known = [], True, True
-        time_field, notes = _choose(view, valid, parameters, 'time_field')
-        warnings += notes
-        unit, absolute = parameters.time_unit, parameters.time_reference == 'absolute'
-        if time_field is None:
-            if parameters.points_per_second == 0:
-                must_be = (
-                    f'{columns.such_as(columns.TIMES)}, or time_field or points_per_second set'
-                )
-                raise CloudError('the time field', must_be, f'the fields {names}')
-            rate = parameters.points_per_second
-            warnings.append(f'no time field: times follow from points_per_second {rate:g}')
-        else:
-            values = _column(view, time_field)[valid]
-            largest = float(np.nanmax(np.abs(values.astype(np.float64)), initial=0))
-            is_final = 'auto' not in {unit, parameters.time_reference} or largest > 0
-            if unit == 'auto':
-                unit, note, is_known = columns.find_unit(values, view.dtype[time_field], time_field)
-                warnings += [note] * bool(note)
-            if parameters.time_reference == 'auto':
-                absolute = largest * columns.NANOSECONDS[unit] > 10 * SECOND
-        source, line_field = parameters.line_source, None
-        if source in {'auto', 'field'}:
-            line_field, notes = _choose(view, valid, parameters, 'line_field')
-            warnings += notes
-        if source == 'field' and line_field is None:
-            must_be = columns.such_as(columns.LINES)
-            raise CloudError('the line field', must_be, f'the fields {names}')
-        if source == 'auto':
-            source = 'field' if line_field else _unnumbered(view, valid, xyz)
-            if source in {'row', 'column'}:
-                warnings.append(f'no line field: each {source} is a scan line (line_source)')
-        warning, claim = '; '.join(warnings), self._claim(source, line_field, time_field)
-        found = Convention(
-            time_field, unit, absolute, source, line_field, warning, is_final, is_known, claim
-        )
-        return self._with_rings(found)
-
-    def _claim(self, source: str, line_field: str | None, time_field: str | None) -> Claim | None:
-        """Return what claims to be a scan line; None where lines are used as they are."""
-        parameters = self.parameters
-        # What the user says is not asked after.
-        if time_field is None or parameters.line_source != 'auto':
-            return None
-        names = {
-            'row': 'the row',
-            'column': 'the column',
-            'message': 'the message',
-            'angle': 'the scan angle',
-        }
-        return Claim(source, names.get(source, f'field {line_field!r}'))
 
     def _time(self, view: Rows, valid: Bools, stamp: Any, convention: Convention) -> Ints:
         if convention.time_field is None:
@@ -318,7 +218,7 @@ class Decoder:
             step = rings * SECOND / self.parameters.points_per_second
             offset: Ints = np.rint(shot * step).astype(np.int64)
             return offset + _nanoseconds(stamp)
-        values = columns.unwrapped(_column(view, convention.time_field), valid)
+        values = columns.unwrapped(column_of(view, convention.time_field), valid)
         t = columns.to_nanoseconds(values, valid, convention.time_unit)
         is_absolute = convention.time_is_absolute
         sent = 0 if is_absolute and stamp is None else _nanoseconds(stamp)
@@ -348,7 +248,7 @@ class Decoder:
         height, width = view.shape
         if convention.line_source == 'field':
             name = str(convention.line_field)
-            return columns.whole_numbers(_column(view, name), valid, f'field {name!r}')
+            return columns.whole_numbers(column_of(view, name), valid, f'field {name!r}')
         if convention.line_source == 'row':
             return np.repeat(np.arange(height), width)
         if convention.line_source == 'column':
@@ -360,7 +260,7 @@ class Decoder:
     def _angle(self, view: Rows, xyz: Floats) -> Floats:
         parameters = self.parameters
         if parameters.angle_field:
-            angle = _named(view, parameters.angle_field, 'angle_field').astype(np.float64)
+            angle = named_field(view, parameters.angle_field, 'angle_field').astype(np.float64)
             return np.deg2rad(angle) if parameters.angle_unit == 'deg' else angle
         first, second = (AXES.index(axis) for axis in parameters.angle_plane)
         return np.arctan2(xyz[:, second], xyz[:, first])
@@ -369,14 +269,14 @@ class Decoder:
         """Return the intensity field, if it exists and a detector uses it."""
         if not reads(self.parameters, 'intensity'):
             return None
-        name, _ = columns.choose(_numbers(view), columns.INTENSITIES)
+        name, _ = columns.choose(numbers_in(view), columns.INTENSITIES)
         with np.errstate(over='ignore'):  # larger than float32: inf
-            return _column(view, name).astype(np.float32) if name else None
+            return column_of(view, name).astype(np.float32) if name else None
 
     def _field(self, view: Rows, name: str) -> Floats | None:
         """Return the field of a name, if it exists; warn once if not."""
-        if found := columns.candidates(tuple(_numbers(view)), (name,)):
-            return _column(view, found[0]).astype(np.float64)
+        if found := columns.candidates(tuple(numbers_in(view)), (name,)):
+            return column_of(view, found[0]).astype(np.float64)
         if not self._has_warned_of_field:
             self._has_warned_of_field = True
             fields = short(', '.join(view.dtype.names or ()))
@@ -387,13 +287,13 @@ class Decoder:
         """Return which of several scanners measured each point, if a field says so."""
         names = [name for name in view.dtype.names or () if view.dtype[name].kind in 'iu']
         name, _ = columns.choose(names, columns.HEADS)
-        return _column(view, name).astype(np.int64) if name else None
+        return column_of(view, name).astype(np.int64) if name else None
 
     def _sigma(self, view: Rows, valid: Bools) -> Floats | None:
         name = self.parameters.sigma_field
         if not name:
             return None
-        sigma = _named(view, name, 'sigma_field').astype(np.float64)
+        sigma = named_field(view, name, 'sigma_field').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 
@@ -410,52 +310,3 @@ def _nanoseconds(stamp: Any) -> int:
         must_be = 'given, in nanoseconds, for an array whose times count from it'
         raise CloudError('the stamp', must_be, 'none')
     return int(stamp.sec * SECOND + stamp.nanosec)
-
-
-def _column(view: Rows, name: str) -> NDArray[Any]:
-    return np.asarray(view[name]).reshape(-1)
-
-
-def _named(view: Rows, name: str, parameter: str) -> NDArray[Any]:
-    """Return the field that a parameter names; refuse the cloud if it is absent or not numeric."""
-    names = view.dtype.names or ()
-    if name not in names:
-        must_be = 'one of the fields ' + ', '.join(names)
-        raise CloudError(f'{parameter} {name!r}', must_be, 'none of them')
-    if view.dtype[name].kind not in 'iuf':
-        raise CloudError(f'field {name!r}', 'a single number', str(view.dtype[name]))
-    return _column(view, name)
-
-
-def _numbers(view: Rows) -> list[str]:
-    """Return the fields of one number each."""
-    return [name for name in view.dtype.names or () if view.dtype[name].kind in 'iuf']
-
-
-def _unnumbered(view: Rows, valid: Bools, xyz: Floats) -> str:
-    """Return what is a scan line of a cloud without a line field."""
-    if view.shape[0] == 1:
-        return 'message'
-    is_turned = rows_are_columns(xyz.reshape(*view.shape, 3), valid.reshape(view.shape))
-    return 'column' if is_turned else 'row'
-
-
-def _choose(
-    view: Rows, valid: Bools, parameters: FilterParameters, parameter: str
-) -> tuple[str | None, list[str]]:
-    """Return the field of times or lines, and notes on those that are not used.
-
-    It is the one that the parameter names; with 'auto' one of a usual name, None if there is none.
-    """
-    name = parameters.value(parameter)
-    if name != 'auto':
-        _named(view, name, parameter)
-        return name, []
-    if parameter == 'time_field':
-        usual, objection = columns.TIMES, columns.too_coarse_times
-    else:
-        usual, objection = columns.LINES, columns.not_whole
-    found, notes = columns.choose(
-        _numbers(view), usual, lambda name: objection(_column(view, name), valid)
-    )
-    return found or None, notes

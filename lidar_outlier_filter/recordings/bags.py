@@ -1,7 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read a recording in the form of ROS 2; write a new bag that appears complete or not at all."""
+"""Read a recording in the form of ROS 2; write a new bag that appears complete or not at all.
 
+How it was made is in ``custom_data`` of its metadata: versions, seeds and parameters.
+"""
+
+import json
 import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -17,18 +21,22 @@ from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 
+from lidar_outlier_filter import __version__
 from lidar_outlier_filter.disk.new_files import FOLDER, new_files
 from lidar_outlier_filter.disk.sqlite_pages import damage_of, open_logs
 from lidar_outlier_filter.errors import RecordingError, quote_error, refusing
 from lidar_outlier_filter.parameters.declaration import shown
+from lidar_outlier_filter.parameters.filter import WITHOUT_EFFECT, FilterParameters
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-__all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
+__all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic', 'history', 'made_by']
 
 MAX_MESSAGE_BYTES = 256_000_000  # bytes of a message, or of a chunk of messages, uncompressed
 MAX_EXPANDED = 10_000_000  # characters of a metadata.yaml with aliases, once they are expanded
 MAX_BAG_TIME_NS = 2**63 - 1  # bag time, nanoseconds
+# Of the keys of custom data that say how a recording was made; the name of the command follows.
+PREFIX = 'lidar_outlier_filter.'
 # The profile of a ROS 2 publisher that keeps ten messages; 0: the default of the middleware.
 RELIABLE = LATCHED._replace(
     depth=10,
@@ -327,3 +335,31 @@ def _readable(path: RecordingPath) -> Iterator[None]:
     except RecordingError as err:
         vars(err).setdefault('is_damage', True)
         raise
+
+
+def made_by(
+    command: str, parameters: FilterParameters | None = None, **said: Any
+) -> dict[str, str]:
+    """Write the entry of a command: this version, what it was given, and changed parameters."""
+    entry: dict[str, Any] = {'version': __version__, **said}
+    if parameters is not None:
+        default = FilterParameters().flat()
+        given = parameters.flat().items()
+        entry['parameters'] = {
+            name: value
+            for name, value in given
+            if value != default[name] and name not in WITHOUT_EFFECT
+        }
+    return {PREFIX + command: json.dumps(entry)}
+
+
+def history(custom_data: Mapping[str, str]) -> dict[str, Any]:
+    """Return the entries that commands of this package have left, by command."""
+    found: dict[str, Any] = {}
+    for key, text in custom_data.items():
+        if key.startswith(PREFIX):
+            try:
+                found[key.removeprefix(PREFIX)] = json.loads(text)
+            except (ValueError, RecursionError):  # written by somebody else
+                found[key.removeprefix(PREFIX)] = text
+    return found

@@ -13,14 +13,19 @@ from lidar_outlier_filter.errors import NoCloudsError, ParameterError, Recording
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, SCAN, check_name
-from lidar_outlier_filter.recordings.bags import MAX_MESSAGE_BYTES, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import (
+    MAX_MESSAGE_BYTES,
+    NewBag,
+    Recording,
+    Topic,
+    made_by,
+)
 from lidar_outlier_filter.recordings.cloud_topic import (
     CloudTopic,
     TopicReport,
     check_motion,
     cloud_topics,
 )
-from lidar_outlier_filter.recordings.provenance import made_by
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
 from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 

@@ -126,7 +126,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _preset(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.recordings.provenance import made_by
+    from lidar_outlier_filter.recordings.bags import made_by
     from lidar_outlier_lab.simulation.presets import make
     from lidar_outlier_lab.simulation.world.recording import write
 

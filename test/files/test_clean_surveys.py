@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.points.heights import is_high
+from lidar_outlier_filter.core.neighbours.floor import is_high
 from lidar_outlier_filter.core.points.mask import HEAD, MASK_COLUMNS
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile

@@ -38,9 +38,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.annotations import Floats
-from lidar_outlier_filter.core.detectors.builtin import BUILTIN
 from lidar_outlier_filter.core.detectors.declaration import Detector, resolve
-from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins, entry_points
+from lidar_outlier_filter.core.detectors.plugins import (
+    BUILTIN,
+    GROUP,
+    add_plugins,
+    entry_points,
+)
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.detectors.thresholds import threshold

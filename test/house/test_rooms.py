@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers import ROOT
 
-from lidar_outlier_filter.core.detectors.builtin import BUILTIN
+from lidar_outlier_filter.core.detectors.plugins import BUILTIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -226,7 +226,8 @@ def named(module: Module, names: set[str]) -> Iterator[str]:
 
 # The tables of all detectors.
 TABLES = {
-    *('core.detectors.builtin', 'core.detectors.thresholds', 'tuning.search_space', 'ros.health')
+    *('core.detectors.builtin', 'core.detectors.plugins', 'core.detectors.thresholds'),
+    *('tuning.search_space', 'ros.health'),
 }
 
 

@@ -14,7 +14,7 @@ from helpers import ROOT
 import lidar_outlier_filter
 from lidar_outlier_filter import CloudFilter, detect_outliers
 from lidar_outlier_filter.core.detectors.boosted_trees import mixed_pixels
-from lidar_outlier_filter.core.detectors.builtin import BUILTIN
+from lidar_outlier_filter.core.detectors.plugins import BUILTIN
 
 MODULES = [str(one.score).partition(':')[0] for one in BUILTIN.values()]
 MODULES.remove(mixed_pixels.__name__)  # an example would need a sweep

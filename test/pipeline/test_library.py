@@ -19,7 +19,7 @@ from lidar_outlier_filter import (
     detect_outliers,
 )
 from lidar_outlier_filter.core.annotations import Floats, Rows
-from lidar_outlier_filter.core.detectors.builtin import BUILTIN
+from lidar_outlier_filter.core.detectors.plugins import BUILTIN
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -30,8 +30,7 @@ from hypothesis import strategies as st
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.recordings.provenance import PREFIX
+from lidar_outlier_filter.recordings.bags import PREFIX, Recording
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.recordings.salvage import MAX_KEPT_REASONS, Losses
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The installed detectors: those of this package, and those that other distributions add.
 
+Each score of ours is computed in the module or folder of that name here, imported on first use.
+
 A distribution adds a detector by an entry point of the group ``lidar_outlier_filter.detectors``. A
 declaration that is wrong is refused in one sentence and affects nothing else.
 """
@@ -10,7 +12,21 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from importlib.metadata import Distribution, EntryPoint, distributions
 from typing import Any
 
-from lidar_outlier_filter.core.detectors.builtin import BUILTIN, DEFAULT
+from lidar_outlier_filter.core.detectors.builtin import (
+    AlphaBetaGamma,
+    BoostedTrees,
+    CropBox,
+    DualReturn,
+    Elevation,
+    FieldRange,
+    Hierarchical,
+    Lof,
+    MixedPixels,
+    Quadric,
+    RingOutlier,
+    ScanShadows,
+    Sor,
+)
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import BITS, Installed, Section, shown, walk
@@ -18,6 +34,140 @@ from lidar_outlier_filter.parameters.declaration import BITS, Installed, Section
 GROUP = 'lidar_outlier_filter.detectors'  # of entry points
 LINES = ('no', 'uses', 'needs')
 LARGE = ('files', 'tiles', 'no')
+
+DEFAULT = 'boosted_trees'  # the chain
+# Modules that explain the scores of a detector. REASONS: what the numbers in Scores.reason mean,
+# from 1 to 255, unique among all detectors. METHODS: for each, its features with a description.
+EXPLANATIONS = {'boosted_trees': f'{__package__}.boosted_trees.methods'}
+_EVERY = (
+    Detector(
+        name='alpha_beta_gamma',
+        bit=1,
+        section=AlphaBetaGamma,
+        score=f'{__package__}.alpha_beta_gamma.detector:score',
+        lines='needs',
+        large='files',
+        rejects='is improbable after the points before and behind it in its line segment',
+    ),
+    Detector(
+        name='quadric',
+        bit=2,
+        section=Quadric,
+        score=f'{__package__}.quadric.detector:score',
+        neighbours=lambda parameters: parameters.of(Quadric).list_length,
+        large='tiles',
+        rejects='lies on none of the planes, paraboloids or quadrics through its neighbourhood: '
+        '`window: section` tests all points of a section at once, `patch` each in its own patch',
+    ),
+    Detector(
+        name='lof',
+        bit=4,
+        section=Lof,
+        score=f'{__package__}.lof:score',
+        neighbours=lambda parameters: parameters.of(Lof).min_pts,
+        large='files',
+        rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
+        'LOF2)',
+    ),
+    Detector(
+        name='sor',
+        bit=8,
+        section=Sor,
+        score=f'{__package__}.sor:score',
+        neighbours=lambda parameters: parameters.of(Sor).list_length,
+        large='files',
+        rejects='is too far from its nearest neighbours: statistical (`sor`, `sor2`), or by '
+        '`radius`; both may grow with the range (DSOR, DROR)',
+    ),
+    Detector(
+        name='hierarchical',
+        bit=16,
+        section=Hierarchical,
+        score=f'{__package__}.hierarchical:score',
+        rejects='belongs to a cluster of fewer than `min_cluster` points: of the minimum spanning '
+        'tree, then (bit 32768 beside it) of the Gabriel graphs, without their long edges; '
+        '`min_cluster` ÷ score is the size of the cluster',
+    ),
+    Detector(
+        name='elevation',
+        bit=32,
+        section=Elevation,
+        score=f'{__package__}.elevation:score',
+        rejects='is set apart in elevation, or differs by more than 3 σ from its neighbours on the '
+        'map, or is too far above or below the ground (airborne clouds, z up)',
+    ),
+    Detector(
+        name='boosted_trees',
+        bit=64,
+        section=BoostedTrees,
+        score=f'{__package__}.boosted_trees.methods:detect',
+        lines='uses',
+        columns=lambda parameters: parameters.of(BoostedTrees).columns,
+        large='files',
+        rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
+        'pattern (spinning sensors, and profile scanners whose mirror turns or swings), or else '
+        'on its nearest neighbours',
+    ),
+    Detector(
+        name='scan_shadows',
+        bit=128,
+        section=ScanShadows,
+        score=f'{__package__}.scan_shadows:score',
+        lines='needs',
+        large='files',
+        rejects='lies in its scan line beside a nearer point, where the line between neighbours '
+        'runs nearly along the beam: mixed pixels (laser_filters)',
+    ),
+    Detector(
+        name='ring_outlier',
+        bit=256,
+        section=RingOutlier,
+        score=f'{__package__}.ring_outlier:score',
+        lines='needs',
+        large='files',
+        rejects='belongs to a short walk of few points along its ring, between jumps in range '
+        '(Autoware)',
+    ),
+    Detector(
+        name='dual_return',
+        bit=512,
+        section=DualReturn,
+        score=f'{__package__}.dual_return:score',
+        lines='needs',
+        large='files',
+        rejects='has another return of its shot behind it, and no return of the shots beside it at '
+        'about its range (after Autoware)',
+    ),
+    Detector(
+        name='crop_box',
+        bit=1024,
+        section=CropBox,
+        score=f'{__package__}.crop_box:score',
+        large='files',
+        rejects='is too near or too far, or outside a box in the frame of the sensor; or inside '
+        'it, with `negative`',
+    ),
+    Detector(
+        name='mixed_pixels',
+        bit=2048,
+        section=MixedPixels,
+        score=f'{__package__}.boosted_trees.mixed_pixels:detect',
+        lines='uses',
+        columns=lambda parameters: parameters.of(BoostedTrees).columns,
+        rejects='lies between two surfaces at an edge, by trees trained for it alone (spinning '
+        'sensors)',
+    ),
+    Detector(
+        name='field_range',
+        bit=4096,
+        section=FieldRange,
+        score=f'{__package__}.field_range:score',
+        field=lambda parameters: parameters.of(FieldRange).field,
+        large='files',
+        rejects='has a field, such as reflectivity, out of its bounds, in a band of ranges',
+    ),
+)
+BUILTIN = {one.name: one for one in _EVERY}
 
 
 def find_detectors(reserved: Collection[str]) -> Installed:

@@ -7,8 +7,8 @@ from functools import cache
 from itertools import chain
 from typing import Any
 
-from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
 from lidar_outlier_filter.core.detectors.declaration import Detector, ReasonName, resolve
+from lidar_outlier_filter.core.detectors.plugins import EXPLANATIONS
 from lidar_outlier_filter.parameters.declaration import (
     MASK,
     MASKED,

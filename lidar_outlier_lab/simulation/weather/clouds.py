@@ -23,11 +23,11 @@ from lidar_outlier_filter.core.points.columns import NANOSECONDS, to_nanoseconds
 from lidar_outlier_filter.core.points.points import LONGEST_NS, Points
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.messages.cloud import is_empty
-from lidar_outlier_filter.messages.decoder import Convention, Decoder
+from lidar_outlier_filter.messages.convention import Convention
+from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.provenance import made_by
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, made_by
 from lidar_outlier_filter.recordings.replay import choose_clouds
 from lidar_outlier_lab.simulation.presets import RETURN_NAMES
 from lidar_outlier_lab.simulation.weather import echoes, kinds

@@ -25,7 +25,7 @@ from lidar_outlier_filter.messages.cloud import (
     structured,
     with_rows,
 )
-from lidar_outlier_filter.messages.decoder import Convention
+from lidar_outlier_filter.messages.convention import Convention
 
 TYPICAL = 0.25
 DARKEST, BRIGHTEST = 0.02, 2.0  # reflectances; more than 1 is what sends light straight back
