@@ -49,14 +49,7 @@ void check_near(const NearLists& near, Index points, Index begin, Index end);
 // Writes M, the mean elevation of the neighbours less the own one, of a range of points.
 void elevation_differences(View<const double> elevation, Rows<const std::int32_t> index,
                            Index begin, Index end, View<double> result);
-// The same of the points `which`, whose neighbours are near[offsets[i]:offsets[i + 1]].
-void elevation_differences_of_lists(View<const double> elevation, View<const Index> which,
-                                    View<const Index> offsets, View<const std::int32_t> near,
-                                    View<double> result);
 
 // Returns (E, 2) the edges from points `begin` to `end` to points behind them in tree order.
 Owned<std::int32_t, 2> gabriel_edges(View<const double, 2> xyz, Tree tree, Index begin, Index end);
-// Returns the lengths of edges, metres.
-Owned<double> edge_lengths(View<const double, 2> xyz, View<const std::int32_t, 2> ends);
-
 }  // namespace lidar

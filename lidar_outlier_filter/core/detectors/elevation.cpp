@@ -22,21 +22,4 @@ void elevation_differences(View<const double> elevation, Rows<const std::int32_t
     }
 }
 
-void elevation_differences_of_lists(View<const double> elevation, View<const Index> which,
-                                    View<const Index> offsets, View<const std::int32_t> near,
-                                    View<double> result) {
-    check(offsets.size() == which.size() + 1 && result.size() == elevation.size(),
-          "there must be a place for each point, and one more offset");
-    check_indices(which, elevation.size());
-    check_indices(near, elevation.size());
-    for (Index i = 0; i < which.size(); ++i) {
-        check_range(offsets[i], offsets[i + 1], near.size());
-        double total = 0;
-        for (Index j = offsets[i]; j < offsets[i + 1]; ++j) {
-            total += elevation[near[j]] - elevation[which[i]];
-        }
-        result[which[i]] = total / static_cast<double>(offsets[i + 1] - offsets[i]);
-    }
-}
-
 }  // namespace lidar

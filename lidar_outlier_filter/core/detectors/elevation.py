@@ -223,7 +223,9 @@ def _correct_ties(
     result[stacked] = (total[stack] - above) / (height[stack] - 1) - above
     others = tied[squared > 0]
     offsets, near = neighbourhood.within(others, squared[squared > 0])
-    _kernels.elevation_differences_of_lists(elevation, others, offsets, near, result)
+    count = np.diff(offsets)
+    above = elevation[near] - np.repeat(elevation[others], count)
+    result[others] = np.bincount(np.repeat(np.arange(len(others)), count), above) / count
 
 
 # The ground ---------------------------------------------------------------------------------------

@@ -217,15 +217,4 @@ Owned<std::int32_t, 2> gabriel_edges(View<const double, 2> xyz, Tree tree, Index
     return {std::move(ends), {count, 2}};
 }
 
-Owned<double> edge_lengths(View<const double, 2> xyz, View<const std::int32_t, 2> ends) {
-    check(xyz.shape[1] == 3 && ends.shape[1] == 2, "xyz must be (N, 3), and ends (E, 2)");
-    check_indices(View<const std::int32_t>{ends.data, {2 * ends.size()}}, xyz.size());
-    std::vector<double> result(static_cast<std::size_t>(ends.size()));
-    for (Index edge = 0; edge < ends.size(); ++edge) {
-        result[static_cast<std::size_t>(edge)] =
-            std::sqrt(LEVEL::squared(xyz.row(ends(edge, 0)), xyz.row(ends(edge, 1))));
-    }
-    return Owned<double>(std::move(result));
-}
-
 }  // namespace lidar

@@ -199,7 +199,8 @@ def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
         return _kernels.gabriel_edges(xyz, tree, begin, end)
 
     ends = np.concatenate(pool.run(work, len(neighbourhood), POINTS_AT_ONCE, threads))
-    return Edges(ends, _kernels.edge_lengths(xyz, ends))
+    x, y, z = (xyz[ends[:, 0]] - xyz[ends[:, 1]]).T
+    return Edges(ends, np.sqrt((x * x + y * y) + z * z))
 
 
 def spanning_tree(graph: Edges, count: int) -> Edges:

@@ -126,7 +126,7 @@ def measure(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
 def compare(factor: Floats, parameters: Lof) -> Floats:
     """Score all points of a cloud by their LOF, see :func:`detect`."""
     if parameters.statistic == 'lof2' and not np.isnan(factor).all():
-        factor = np.abs(factor - _kernels.median(factor.copy(), len(factor)))
+        factor = np.abs(factor - np.median(factor))
     return factor / parameters.threshold
 
 

@@ -144,7 +144,7 @@ def compare(measured: Floats, parameters: Sor, range_m: Floats | None = None) ->
         mean = max(measured.mean(), measured.min())
         limit = float(mean + parameters.multiplier * measured.std(ddof=1))
         return _ratio(measured, limit if scale is None else limit * scale)
-    distance = np.abs(measured - _kernels.median(measured.copy(), count))
+    distance = np.abs(measured - np.median(measured))
     return _ratio(distance, parameters.limit if scale is None else parameters.limit * scale)
 
 

@@ -30,7 +30,6 @@
 #include "array_caster.hpp"
 #include "lanes.hpp"
 #include "levels.hpp"
-#include "select.hpp"
 
 // Named tuples of Python.
 namespace pybind11::detail {
@@ -108,13 +107,6 @@ PYBIND11_MODULE(_kernels, m) {
     m.def("levels", &levels);
     m.def("set_level", &set_level);
     m.attr("LANES") = base::LANES;
-    m.def(
-        "median",
-        [](View<double> values, Index count) {
-            check(0 < count && count <= values.size(), "at least one value");
-            return base::median(values.data, count);
-        },
-        WithoutGil());
 
     // core/neighbours
     m.def("numbers", &numbers, WithoutGil());
@@ -126,7 +118,6 @@ PYBIND11_MODULE(_kernels, m) {
     m.def("prune_tree", &prune_tree, WithoutGil());
     m.def("keep_tree", &keep_tree);
     m.def("search_nearest", AT_LEVEL(search_nearest), WithoutGil());
-    m.def("tied_at", &tied_at, WithoutGil());
     m.def("squared_distances", &squared_distances, WithoutGil());
     m.def("carry_over", &carry_over, WithoutGil());
     m.def("list_within", &list_within, WithoutGil());
@@ -134,7 +125,7 @@ PYBIND11_MODULE(_kernels, m) {
     m.def("column_runs", &column_runs, WithoutGil());
     m.def("write_floor", &write_floor, WithoutGil());
     m.def("count_low", &count_low, WithoutGil());
-    m.def("tree_leaves", &tree_leaves, WithoutGil());
+    m.def("subtrees", &subtrees, WithoutGil());
 
     // core/points, core/verdict
     m.def("mark_returns", &mark_returns, WithoutGil());
@@ -175,14 +166,11 @@ PYBIND11_MODULE(_kernels, m) {
     m.def("write_density_ratios", &write_density_ratios, WithoutGil());
     m.def("sort_rows_as_given", &sort_rows_as_given, WithoutGil());
     m.def("elevation_differences", &elevation_differences, WithoutGil());
-    m.def("elevation_differences_of_lists", &elevation_differences_of_lists, WithoutGil());
     m.def("gabriel_edges", &gabriel_edges, WithoutGil());
-    m.def("edge_lengths", &edge_lengths, WithoutGil());
 
     // core/detectors/alpha_beta_gamma
     m.def("predict_in_tiles", AT_LEVEL(predict_in_tiles), WithoutGil());
     m.def("predict_one_by_one", AT_LEVEL(predict_one_by_one), WithoutGil());
-    m.def("find_near_ends", &find_near_ends, WithoutGil());
     m.def("estimate_precision", &estimate_precision, WithoutGil());
     m.def("score_windows", &score_windows, WithoutGil());
     m.def("find_worst", &find_worst, WithoutGil());
@@ -191,8 +179,6 @@ PYBIND11_MODULE(_kernels, m) {
     // core/detectors/quadric
     m.attr("SURFACE_POINTS") = MIN_POINTS;
     m.def("sort_leaves", &sort_leaves, WithoutGil());
-    m.def("share_scores", &share_scores, WithoutGil());
-    m.def("find_cores", &find_cores, WithoutGil());
     m.def("judge_sections", AT_LEVEL(judge_sections), WithoutGil());
     m.def("judge_patches", AT_LEVEL(judge_patches), WithoutGil());
 

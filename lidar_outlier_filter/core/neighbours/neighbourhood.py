@@ -136,20 +136,12 @@ class Neighbourhood:
         nearest = self._nearest
         if k == most:
             return nearest
-        tied = np.empty(self._count, np.bool_)
-        xyz = self.xyz
-        self._in_threads(
-            lambda i, j: _kernels.tied_at(xyz, nearest.index, k, i, j, tied), self._count
-        )
+        tied = self._squared(nearest.index, k) == self._squared(nearest.index, k + 1)
         return Nearest(nearest.index[:, :k], tied)
 
     def squared_distances(self, k: int) -> Floats:
         """Return, (N,) in tree order, the squared distance of each point to its k-th neighbour."""
-        xyz, index, result = self.xyz, self.nearest(k).index, np.empty(self._count)
-        self._in_threads(
-            lambda i, j: _kernels.squared_distances(xyz, index, k, i, j, result), self._count
-        )
-        return result
+        return self._squared(self.nearest(k).index, k)
 
     def distinct(self) -> tuple[Neighbourhood, Ints, Ints]:
         """Return the neighbourhood of M points, no two of which are at one place.
@@ -164,7 +156,7 @@ class Neighbourhood:
 
         """
         order, xyz, tree = self._build()
-        leaves = _kernels.tree_leaves(tree)
+        leaves = _kernels.subtrees(tree, 0)
         found = self._in_threads(
             lambda i, j: _kernels.find_copies(order, xyz, tree, leaves[i:j]), len(leaves)
         )
@@ -274,7 +266,7 @@ class Neighbourhood:
     def _search(self, nearest: Nearest, row: Index) -> None:
         """Write the lists of the points whose row is not negative."""
         order, xyz, tree = self._build()
-        leaves = _kernels.tree_leaves(tree)
+        leaves = _kernels.subtrees(tree, 0)
         pool.run(
             lambda i, j: _kernels.search_nearest(xyz, tree, leaves[i:j], order, row, *nearest),
             len(leaves),
@@ -293,6 +285,14 @@ class Neighbourhood:
         )
         result._search(nearest, row)
         return nearest
+
+    def _squared(self, index: Index, k: int) -> Floats:
+        """Return the squared distance of each point to its k-th neighbour in lists of all."""
+        xyz, result = self.xyz, np.empty(self._count)
+        self._in_threads(
+            lambda i, j: _kernels.squared_distances(xyz, index, k, i, j, result), self._count
+        )
+        return result
 
     def _empty_lists(self, count: int, k: int) -> Nearest:
         return Nearest(self._allocate((count, k), np.int32), np.empty(count, np.bool_))

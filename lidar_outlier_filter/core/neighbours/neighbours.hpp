@@ -25,8 +25,6 @@ FOR_EACH_LEVEL(void search_nearest(View<const double, 2> xyz, Tree tree, View<co
 
 using Lists = Rows<const std::int32_t>;  // (N, k) the neighbours of each point, nearest first
 
-void tied_at(View<const double, 2> xyz, Lists index, Index k, Index begin, Index end,
-             View<bool> tied);
 void squared_distances(View<const double, 2> xyz, Lists index, Index k, Index begin, Index end,
                        View<double> result);
 void carry_over(Lists index, View<const bool> tied, View<const std::int32_t> new_index, Index begin,

@@ -56,17 +56,17 @@ Index tree_height(const Tree& tree) {
     return most;
 }
 
-Owned<Index> tree_leaves(const Tree& tree) {
+Owned<Index> subtrees(const Tree& tree, Index most) {
     check_tree(tree, tree.last.size() > 0 ? tree.last[0] : 0);
     std::vector<Index> found, stack{0};
     while (!stack.empty()) {
-        const Index node = stack.back(), child = tree.child[node];
+        const Index node = stack.back();
         stack.pop_back();
-        if (child >= 0) {
-            stack.push_back(child + 1);
-            stack.push_back(child);
-        } else {
+        if (tree.last[node] - tree.first[node] <= most || tree.child[node] < 0) {
             found.push_back(node);
+        } else {
+            stack.push_back(tree.child[node] + 1);
+            stack.push_back(tree.child[node]);
         }
     }
     return Owned<Index>(std::move(found));

@@ -33,8 +33,9 @@ void check_tree(const Tree& tree, Index points);
 // its stack needs room for one more.
 Index tree_height(const Tree& tree);
 
-// Returns the leaves in the order of their points.
-Owned<Index> tree_leaves(const Tree& tree);
+// Returns the nodes of the largest subtrees with at most so many points, in the order of these; and
+// larger leaves, of coincident points. Of 0 points: all leaves.
+Owned<Index> subtrees(const Tree& tree, Index most);
 
 namespace LEVEL {
 

@@ -41,18 +41,6 @@ void walk(View<const double, 2> xyz, const Tree& tree, std::vector<Index>& stack
 
 }  // namespace
 
-// Writes of a range of points where the neighbour behind the k-th is exactly as far as it.
-void tied_at(View<const double, 2> xyz, Lists index, Index k, Index begin, Index end,
-             View<bool> tied) {
-    check_lists(xyz, index, k + 1, begin, end);
-    check_indices(index, begin, end, xyz.size());
-    check(tied.size() == xyz.size() && k > 0, "there must be a place for each point");
-    for (Index q = begin; q < end; ++q) {
-        tied[q] = LEVEL::squared(xyz.row(index(q, k - 1)), xyz.row(q)) ==
-                  LEVEL::squared(xyz.row(index(q, k)), xyz.row(q));
-    }
-}
-
 // Writes the squared distance of each of a range of points to its k-th neighbour.
 void squared_distances(View<const double, 2> xyz, Lists index, Index k, Index begin, Index end,
                        View<double> result) {

@@ -24,7 +24,6 @@ POINTS_AT_ONCE = 500_000  # points examined
 EVERY = 1 << 32
 
 
-# Multipliers that mix the bits of coordinates (splitmix64).
 def in_parts(
     work: Callable[[Floats], Result], xyz: Floats, where: Ints, threads: int
 ) -> list[Result]:

@@ -298,8 +298,7 @@ def _since(lines: TimedLines, some: Any, turns: Floats, period: float) -> Floats
 
 def median_of(values: NDArray[Any]) -> float:
     """Return the median of values, none of them NaN; 0 of none."""
-    some = values.astype(np.float64)
-    return _kernels.median(some, len(some)) if len(some) else 0.0
+    return float(np.median(values.astype(np.float64))) if len(values) else 0.0
 
 
 def _usual_step(lines: TimedLines) -> float:

@@ -35,7 +35,7 @@ RETURNS, ANGLES, WHERE = np.ones((LINES, 6, 3)), np.ones((LINES, 6)), np.ones((L
 EVEN, STEADY, RANK = np.ones(LINES), np.zeros(LINES, np.int64), np.arange(LINES)
 BRIGHT, USUAL, LIMITS = np.ones((2, N), np.float32), np.ones(19, np.float32), np.ones(63)
 HOOD = Neighbourhood(np.random.default_rng(0).normal(size=(300, 3)), 5)
-INDEX, LEAVES = HOOD.nearest(5).index, _kernels.tree_leaves(HOOD.tree)
+INDEX, LEAVES = HOOD.nearest(5).index, _kernels.subtrees(HOOD.tree, 0)
 ALL, FOUND, ROWS = np.arange(300), np.zeros(300), np.arange(300, dtype=np.int32)
 RULES = quadric._rules(Quadric())
 
@@ -43,7 +43,6 @@ GOOD: dict[str, Arguments] = {
     # The smoother
     'predict_in_tiles': (SERIES.columns, PAD, WINDOWS, THREE),
     'predict_one_by_one': (SERIES.columns, PAD, BEFORE, AFTER, PLACES, PLACES, WINDOWS, THREE),
-    'find_near_ends': (BEFORE, AFTER, 3, 2),
     'estimate_precision': (EACH, FIRST, 0.1, EACH),
     'score_windows': (THREE, EACH, PLACES, 2.0, True, NUMBERS, NUMBERS),
     'find_worst': (PLACES, np.ones(N), BEFORE, AFTER, 5, NO),
@@ -80,7 +79,6 @@ GOOD: dict[str, Arguments] = {
         *(HOOD.xyz, HOOD.tree, LEAVES, HOOD.order),
         *(ROWS, np.empty((300, 5), np.int32), np.empty(300, np.bool_)),
     ),
-    'share_scores': (HOOD.xyz, FOUND),
     'sort_leaves': (HOOD.xyz, HOOD.tree, LEAVES, ALL),
     'judge_sections': (HOOD.xyz, np.ones(300), HOOD.tree, np.array([1, 2]), 16, RULES, FOUND),
     'judge_patches': (HOOD.xyz, np.ones(300), INDEX, ALL, ALL, 0, 300, RULES, FOUND),
@@ -251,7 +249,6 @@ def test_links_in_a_circle_end() -> None:
     columns, pad, _, _, *others = GOOD['predict_one_by_one']
     call('predict_one_by_one', (columns, pad, circle, circle, *others))
     call('find_worst', (PLACES, np.ones(N), circle, circle, 10**6, NO))
-    assert call('find_near_ends', (circle, circle, 3, 2)) is not None
 
 
 @pytest.mark.parametrize('name', ['predict_one_by_one', 'find_worst', 'unlink_points'])

@@ -17,7 +17,7 @@ N, K = 300, 5
 XYZ = np.random.default_rng(0).normal(size=(N, 3))
 HOOD = Neighbourhood(XYZ, K)
 TREE, INDEX = HOOD.tree, HOOD.nearest(K).index
-LEAVES = _kernels.tree_leaves(TREE)
+LEAVES = _kernels.subtrees(TREE, 0)
 Call = Callable[..., object]
 
 
@@ -106,8 +106,6 @@ TWICE = np.arange(2 * N, dtype=np.int32)
 @pytest.mark.parametrize(
     'call',
     [
-        lambda: _kernels.tied_at(HOOD.xyz, INDEX, K, 0, N, FLAGS),
-        lambda: _kernels.tied_at(HOOD.xyz, bad(3, N), 1, 0, N, FLAGS),
         lambda: _kernels.squared_distances(HOOD.xyz, INDEX, K, 0, N + 1, RESULT),
         lambda: _kernels.squared_distances(HOOD.xyz, INDEX, 0, 0, N, RESULT),
         lambda: _kernels.squared_distances(HOOD.xyz, bad(N - 1, -1), K, 0, N, RESULT),
@@ -123,7 +121,7 @@ TWICE = np.arange(2 * N, dtype=np.int32)
         lambda: _kernels.prune_tree(TREE, TREE.first, TREE.last + 1, HOOD.xyz),
         lambda: _kernels.halve_node((XYZ, XYZ[:-1], ROW_0, ROW_0), 0, N, False, 0),  # noqa: FBT003
         lambda: _kernels.grow_tree((XYZ, XYZ, ROW_0, ROW_0), 0, N + 1, False, 0),  # noqa: FBT003
-        lambda: _kernels.find_cores(TREE._replace(child=TREE.child + len(TREE.child)), 16),
+        lambda: _kernels.subtrees(TREE._replace(child=TREE.child + len(TREE.child)), 16),
         lambda: _kernels.average_distances(HOOD.xyz, bad(1, N), 0, N, RESULT),
         lambda: _kernels.average_distances(HOOD.xyz, INDEX, -1, N, RESULT),
         lambda: _kernels.write_densities(NEAR, HOOD.xyz, RESULT[1:], 0, N, RESULT),
@@ -132,9 +130,7 @@ TWICE = np.arange(2 * N, dtype=np.int32)
         lambda: _kernels.sort_rows_as_given(TWO, INTS, INTS, 0, 1, TWICE[N - 1 : N + 1].copy()),
         lambda: _kernels.sort_rows_as_given(TWO, INTS, INTS, 0, 2, TWICE[:2].copy()),
         lambda: _kernels.elevation_differences(XYZ[:, 2].copy(), bad(0, N), 0, N, RESULT),
-        lambda: _kernels.elevation_differences_of_lists(RESULT, INTS[:1], TWO, TWICE[:1], RESULT),
         lambda: _kernels.gabriel_edges(HOOD.xyz, TREE, 0, N + 1),
-        lambda: _kernels.edge_lengths(HOOD.xyz, np.array([[0, N]], np.int32)),
         lambda: _kernels.column_runs(XYZ, np.zeros(1), 1.0),
         lambda: _floor(np.zeros(2, np.int64), np.zeros(1)),
         lambda: _floor(np.full(1, 1 << 40), np.zeros(1)),

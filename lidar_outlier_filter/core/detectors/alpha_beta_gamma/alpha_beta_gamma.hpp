@@ -27,8 +27,6 @@ FOR_EACH_LEVEL(void predict_in_tiles(View<const double, 2> columns, Index pad,
                                        const Windows& windows, View<double, 3> result);)
 
 // passes.cpp
-Owned<Index> find_near_ends(View<const Index> before, View<const Index> after, Index reach_before,
-                            Index reach_after);
 void estimate_precision(View<const double, 2> standard, View<const Index> first, double floor,
                         View<double, 2> result);
 void score_windows(View<const double, 3> standard, View<const double, 2> precision,

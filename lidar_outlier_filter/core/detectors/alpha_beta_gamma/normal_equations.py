@@ -82,10 +82,20 @@ def residuals(
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
         _kernels.predict_in_tiles(series.columns, series.pad, windows, result)
-        which = slots = _kernels.find_near_ends(before, after, parameters.before, parameters.after)
+        which = slots = _near_ends(before, after, parameters.before, parameters.after)
     else:
         slots = np.arange(len(which))
     _kernels.predict_one_by_one(
         series.columns, series.pad, before, after, which, slots, windows, result
     )
     return result
+
+
+def _near_ends(
+    before: NDArray[np.int64], after: NDArray[np.int64], reach_before: int, reach_after: int
+) -> NDArray[np.int64]:
+    """Find the points with fewer in front or behind, in segments without holes, than windows."""
+    index = np.arange(len(before))
+    begin = np.maximum.accumulate(np.where(before < 0, index, 0))
+    end = np.minimum.accumulate(np.where(after < 0, index, len(index))[::-1])[::-1]
+    return np.flatnonzero((index - begin < reach_before) | (end - index < reach_after))

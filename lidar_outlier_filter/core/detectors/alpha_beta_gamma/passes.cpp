@@ -49,30 +49,6 @@ double window_score(const View<const double, 3>& standard, Index window, Index m
 
 }  // namespace
 
-// Returns the points whose window overhangs an end of their segment.
-Owned<Index> find_near_ends(View<const Index> before, View<const Index> after, Index reach_before,
-                            Index reach_after) {
-    check(before.size() == after.size(), "links must be as many as points");
-    const Index count = before.size();
-    std::vector<char> near(static_cast<std::size_t>(count));
-    Index steps = 0;
-    for (Index i = 0; i < count; ++i) {
-        steps = before[i] >= 0 ? steps + 1 : 0;
-        near[static_cast<std::size_t>(i)] = steps < reach_before ? 1 : 0;
-    }
-    for (Index i = count - 1; i >= 0; --i) {
-        steps = after[i] >= 0 ? steps + 1 : 0;
-        near[static_cast<std::size_t>(i)] |= steps < reach_after ? 1 : 0;
-    }
-    std::vector<Index> found;
-    for (Index i = 0; i < count; ++i) {
-        if (near[static_cast<std::size_t>(i)] != 0) {
-            found.push_back(i);
-        }
-    }
-    return Owned<Index>(std::move(found));
-}
-
 // Estimates 1/σ of each line and coordinate, (3, N), from its median absolute centred difference.
 //
 // A line with too few differences for a median has NaN: its points stay untested.

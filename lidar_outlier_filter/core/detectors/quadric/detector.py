@@ -106,9 +106,11 @@ def detect(
         _patches(neighbourhood, place, parameters, xyz, weights, score)
     else:
         _sections(neighbourhood, parameters, xyz, weights, score)
-    _kernels.share_scores(xyz, score)
+    # Which of coincident points, which are adjacent, is in the fit depends on their order.
+    begins = np.flatnonzero(np.append(True, (xyz[1:] != xyz[:-1]).any(axis=1)))
+    least = np.fmin.reduceat(score, begins)
     result = np.empty_like(score)
-    result[order] = score
+    result[order] = np.repeat(least, np.diff(begins, append=len(score)))
     return result
 
 
@@ -118,7 +120,7 @@ def _positions(neighbourhood: Neighbourhood) -> Ints:
     Tree order within a leaf is that in which the points were given, which must not matter.
     """
     xyz, tree, place = neighbourhood.xyz, neighbourhood.tree, np.empty(len(neighbourhood), np.int64)
-    these = _kernels.tree_leaves(tree)
+    these = _kernels.subtrees(tree, 0)
     threads.run(
         lambda begin, end: _kernels.sort_leaves(xyz, tree, these[begin:end], place),
         len(these),
@@ -132,7 +134,7 @@ def _sections(
     neighbourhood: Neighbourhood, parameters: Quadric, xyz: Floats, variance: Floats, score: Floats
 ) -> None:
     tree, section, rules = neighbourhood.tree, parameters.section, _rules(parameters)
-    cores = _kernels.find_cores(tree, section)
+    cores = _kernels.subtrees(tree, section)
 
     def work(begin: int, end: int) -> tuple[Ints, Floats]:
         return _kernels.judge_sections(xyz, variance, tree, cores[begin:end], section, rules, score)

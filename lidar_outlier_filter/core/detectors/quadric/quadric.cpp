@@ -43,44 +43,4 @@ void sort_leaves(View<const double, 2> xyz, const Tree& tree, View<const Index> 
     }
 }
 
-// Gives coincident points, which are adjacent, their lowest score.
-//
-// Which of them is in the fit depends on their order.
-void share_scores(View<const double, 2> xyz, View<double> score) {
-    check(xyz.shape[1] == 3 && score.size() == xyz.size(), "xyz must be (N, 3), and score (N,)");
-    Index begin = 0;
-    for (Index i = 1; i <= score.size(); ++i) {
-        const bool ends = i == score.size() || is_before(xyz.row(i - 1), xyz.row(i)) ||
-                          is_before(xyz.row(i), xyz.row(i - 1));
-        if (ends) {
-            double least = score[begin];
-            for (Index j = begin + 1; j < i; ++j) {
-                least = std::fmin(least, score[j]);
-            }
-            for (; begin < i; ++begin) {
-                score[begin] = least;
-            }
-        }
-    }
-}
-
-// Returns the nodes of the largest subtrees with at most so many points, in tree order.
-//
-// Larger leaves, of coincident points, are cores, too.
-Owned<Index> find_cores(const Tree& tree, Index most) {
-    check_tree(tree, tree.last.size() > 0 ? tree.last[0] : 0);
-    std::vector<Index> cores, stack{0};
-    while (!stack.empty()) {
-        const Index node = stack.back();
-        stack.pop_back();
-        if (tree.last[node] - tree.first[node] <= most || tree.child[node] < 0) {
-            cores.push_back(node);
-        } else {
-            stack.push_back(tree.child[node] + 1);
-            stack.push_back(tree.child[node]);
-        }
-    }
-    return Owned<Index>(std::move(cores));
-}
-
 }  // namespace lidar

@@ -30,8 +30,6 @@ inline constexpr Index RIM = 3;
 
 void sort_leaves(View<const double, 2> xyz, const Tree& tree, View<const Index> these,
                  View<Index> place);
-void share_scores(View<const double, 2> xyz, View<double> score);
-Owned<Index> find_cores(const Tree& tree, Index most);
 
 FOR_EACH_LEVEL(std::pair<Owned<Index>, Owned<double>> judge_sections(
                    View<const double, 2> xyz, View<const double> variance, const Tree& tree,
