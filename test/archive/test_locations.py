@@ -134,7 +134,6 @@ def test_a_change_is_noticed(
 @pytest.mark.parametrize(
     ('address', 'sentence'),
     [
-        ('s3://no-such-bucket/drive.mcap', 'the address s3://.* must be reached, got ".*bucket'),
         ('s3://drives/2027', 'what is at s3://drives/2027 must be a recording, a folder of'),
         ('s3://drives/2026/*.mcap', 'what is at .* must be a recording, .*, got no recording'),
         ('nosuch://drives/2026', 'the address nosuch://drives/2026 must be reached, got "Protocol'),
@@ -143,7 +142,7 @@ def test_a_change_is_noticed(
 )
 @pytest.mark.usefixtures('store')
 def test_what_is_not_there(address: str, sentence: str) -> None:
-    """No bucket, no recording and no such store are refused in one sentence each."""
+    """No recording and no such store are refused in one sentence each."""
     with pytest.raises(RecordingError, match=sentence) as caught:
         locations.find(address)
     assert '\n' not in str(caught.value)

@@ -50,6 +50,18 @@ REFUSED = {
     'info none': 'none',
     'info x.mcap --sample -1': '--sample must be at least 0 and finite, got -1',
     'info x.mcap --sample nan': '--sample must be at least 0 and finite, got nan',
+    # Truth
+    'evaluate drive --topic /x': "one of those with '/cleaned' and '/outliers' (none), got '/x'",
+    'tune drive --labels nowhere.npy': 'the file nowhere.npy must be a file, got none',
+    'evaluate a.csv --labels empty': 'the labels must be with files, got empty, empty',
+    'evaluate a.csv --output .': 'the output must be a new folder, got ., which exists',
+    'evaluate a.csv --output no/where': 'the output must be in a folder that exists, got no/where',
+    'tune drive --topic /x': "one of its topics of clouds (/lidar), got '/x'",
+    'tune drive --inject 0.1 --codes 7': '--inject must be given without labels, got both',
+    'tune drive --search lof.k=1 --search lof.k=2': '--search must be given once for lof.k, got ',
+    'tune drive --search order': "--search must be NAME=V,V,..., got 'order'",
+    "tune drive --search 'lof.k=: :'": "must be YAML, got ': :'",
+    'tune drive --output .': 'the output must be a new file, got ., which exists',
     # Parameters
     'clean a.pcd --set sor.k=0': 'sor.k must be from 1 to 1000, got 0',
     'clean a.pcd --set chain=lof,sor': "as in chain=[lof,sor], got 'lof,sor'",
@@ -84,7 +96,7 @@ REFUSED = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a recording, a folder of one, files of points, a folder of one, and pipes."""
     folder = tmp_path_factory.mktemp('here')
-    for name in ('drives', 'strips', 'labels'):
+    for name in ('drives', 'strips', 'labels', 'empty'):
         (folder / name).mkdir()
     write_drive(folder / 'drive', 3)
     shutil.copytree(folder / 'drive', folder / 'drives/a')

@@ -72,38 +72,6 @@ def test_label_files(bag: Path, tmp_path: Path, capsys: Capture) -> None:
     assert printed(capsys) == lines
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'sentence'),
-    [
-        (['--topic', '/x'], "one of those with '/cleaned' and '/outliers' (/lidar), got '/x'"),
-        (['--labels', 'nowhere.npy'], 'the file nowhere.npy must be a file, got none'),
-        (['--labels', '.'], 'the labels must be with files, got ., empty'),
-        (['--output', '.'], 'the output must be a new folder, got ., which exists'),
-        (
-            ['--output', 'no/where'],
-            'the output must be in a folder that exists, got no/where',
-        ),
-    ],
-)
-def test_refused_in_one_sentence(  # noqa: PLR0913  fixtures
-    bag: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Capture,
-    arguments: list[str],
-    sentence: str,
-) -> None:
-    """What makes no sense gives one sentence, exit status 1, and no output."""
-    here = tmp_path / 'here'
-    here.mkdir()
-    monkeypatch.chdir(here)
-    assert main(['evaluate', str(bag), *arguments]) == 1
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert said.count('\n') == 1
-    assert list(here.iterdir()) == []
-
-
 def test_folders_of_labels(tmp_path: Path) -> None:
     """Files of a folder are taken by their numbers; folders and what is hidden are not."""
     (tmp_path / 'c').mkdir()

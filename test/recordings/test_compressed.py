@@ -168,15 +168,3 @@ def test_cut_short() -> None:
     for size in range(len(sent) - 1):
         with pytest.raises(CloudError):
             decompressed(sent[:size])
-
-
-def test_one_bad_message_does_not_stop_the_others(tmp_path: Path) -> None:
-    """It is counted, like a plain cloud that is damaged."""
-    sent = [(index, compressed(serialize_message(turn(index)), 'zlib')) for index in range(6)]
-    sent[2] = 2, compressed(serialize_message(turn(2)), 'zlib', format='draco')
-    sent[4] = 4, sent[4][1][:100]
-    source = write_compressed(tmp_path / 'sent', '/lidar/zlib', sent)
-    (topic,) = replay(source, tmp_path / 'out').topics
-    assert (topic.messages, topic.refused) == (6, 2)
-    assert topic.refusals == {'the format of a compressed cloud': 1, 'a serialised cloud': 1}
-    assert len(content(tmp_path / 'out')['/lidar/cleaned']) == 4

@@ -164,37 +164,6 @@ def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> 
         assert (sentence in capsys.readouterr().err) == (source != bag)
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'sentence'),
-    [
-        (['--topic', '/x'], "one of its topics of clouds (/lidar), got '/x'"),
-        (['--codes', '77'], 'must be outliers and good points, got 0 outliers and'),
-        (['--inject', '0.9'], 'must be more than 0, at most 0.5, got 0.9'),
-        (['--inject', '0.1', '--codes', '7'], '--inject must be given without labels, got both'),
-        (['--search', 'sor.k=5'], "must be those of boosted_trees, got 'sor.k'"),
-        (
-            ['--search', 'boosted_trees.threshold=1', '--search', 'boosted_trees.threshold=2'],
-            '--search must be given once for boosted_trees.threshold, got more than once',
-        ),
-        (['--search', 'order'], "--search must be NAME=V,V,..., got 'order'"),
-        (['--search', 'alpha_beta_gamma.order=: :'], "must be YAML, got ': :'"),
-        (['--folds', '0'], 'the number of folds must be from 2 to the 20 stretches, got 0'),
-        (['--output', '.'], 'the output must be a new file, got ., which exists'),
-    ],
-)
-def test_refused_in_one_sentence(
-    bag: Path, capsys: Capture, arguments: list[str], sentence: str
-) -> None:
-    """What makes no sense gives one sentence, exit status 1, and no file."""
-    before = sorted(bag.parent.iterdir())
-    assert main(['tune', str(bag), *arguments]) == 1
-    printed = capsys.readouterr()
-    assert sentence in printed.err
-    assert printed.err.count('\n') == 1
-    assert printed.out == ''
-    assert sorted(bag.parent.iterdir()) == before
-
-
 # Lines for a running node -----------------------------------------------------------------------
 
 

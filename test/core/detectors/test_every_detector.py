@@ -3,14 +3,12 @@
 """Properties of every spatial detector: order, threads, frame and unit of the points."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers.shapes import CLOUDS, corner, rotation, scattered
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors import elevation, hierarchical, lof, sor
 from lidar_outlier_filter.core.detectors.builtin import Elevation, Hierarchical, Lof, Quadric, Sor
@@ -80,24 +78,6 @@ def test_order_of_coincident_points_does_not_matter() -> None:
     scores = detect('section', xyz)
     assert_array_equal(detect('section', xyz[order]), scores[order])
     assert_array_equal(scores[-700:], scores[:700])
-
-
-def test_order_of_copies_without_intensity_does_not_matter() -> None:
-    """A copy whose intensity is known stands for the others, whichever comes first."""
-    rng = np.random.default_rng(5)
-    ring, azimuth = np.divmod(np.arange(16 * 400), 400)
-    up, azimuth = np.radians(2.0 * ring - 15), azimuth * np.pi / 200
-    reach = rng.uniform(9, 11, len(up))
-    flat = reach * np.cos(up)
-    turn = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), reach * np.sin(up)])
-    twice = np.concatenate([turn, turn])
-    t = np.arange(len(turn)) % 400 * 200_000
-    given: dict[str, Any] = {'line': np.tile(ring, 2), 't': np.tile(t, 2)}
-    given['intensity'] = np.append(rng.uniform(1, 99, len(turn)), np.full(len(turn), np.nan))
-    order = rng.permutation(len(twice))
-    expected = detect_outliers(twice, **given).score
-    moved = detect_outliers(twice[order], **{name: part[order] for name, part in given.items()})
-    assert_array_equal(moved.score, expected[order])
 
 
 @pytest.mark.parametrize('name', [*DETECTORS, *SURFACES])
