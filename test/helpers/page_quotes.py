@@ -240,9 +240,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                     speed_row(title, table, 'boosted_trees', *names)
                     for title, (table, *names) in SPEEDS.items()
                 ),
-                '| input | chain | published | p95 | longest |\n'
-                '| --- | --- | --- | --- | --- |\n{load/Load}\n\nWith too',
-                f'| recovered after |\n|{7 * " --- |"}\n{{load/Policies}}\n\nThe slower',
                 f'up to {{speed/{DEMO}/{THREE}/2 cores}} million points',
             ),
         ],
