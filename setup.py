@@ -8,7 +8,6 @@ The metadata live here and not in a [project] table, because colcon reads them h
 import importlib.util
 import os
 import platform
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -17,6 +16,10 @@ from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
+
+# Beside this very file: `colcon build --symlink-install` runs a link to it.
+sys.path.insert(0, str(Path(__file__).resolve().parent / 'scripts'))
+from compiler import find_compiler
 
 NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'  # makes the default, and proves it
@@ -50,12 +53,10 @@ def kernel_sources(package: str) -> list[str]:
     return sorted(str(path) for path in found if 'results' not in path.parts)
 
 
-def find_compiler() -> list[str]:
-    """Return the command of a C++ compiler: CXX, Python's own, a usual one, or ziglang of PyPI."""
-    given = os.environ.get('CXX') or sysconfig.get_config_var('CXX') or ''
-    for command in (given.split(), ['c++'], ['g++'], ['clang++']):
-        if command and shutil.which(command[0]):
-            return command
+def compiler_command() -> list[str]:
+    """Return the command of a C++ compiler: this machine's, or ziglang of PyPI."""
+    if command := find_compiler():
+        return command
     if importlib.util.find_spec('ziglang'):
         # Otherwise it compiles for the processor of this machine alone.
         return [sys.executable, '-m', 'ziglang', 'c++', '-mcpu=baseline']
@@ -85,7 +86,7 @@ class BuildKernels(build_ext):  # type: ignore[misc]
 
     def build_extension(self, ext: Extension) -> None:
         """Compile an extension module, files of fast loops once for each level, and link it."""
-        compiler = find_compiler()
+        compiler = compiler_command()
         given = [
             one for name in ('CPPFLAGS', 'CXXFLAGS') for one in os.environ.get(name, '').split()
         ]
@@ -142,7 +143,6 @@ setup(
     name=NAME,
     version='1.0.0',  # also in package.xml, CITATION.cff and the package; a test compares them
     description='Clean lidar clouds from a moving vehicle, the same live and offline',
-    # Beside this very file: `colcon build --symlink-install` runs a link to it.
     long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='The lidar_outlier_filter authors',
