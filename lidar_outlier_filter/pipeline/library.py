@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidar_outlier_filter.core.detectors.plausible import MAX_USUAL_SHARE, MIN_SHARE_POINTS
+from lidar_outlier_filter.core.detectors.plausible import MIN_SHARE_POINTS
+from lidar_outlier_filter.core.detectors.plugins import MAX_USUAL_SHARE
 from lidar_outlier_filter.core.detectors.registry import read_field
 from lidar_outlier_filter.core.engine.chain import Chain, uses_lines
 from lidar_outlier_filter.core.engine.stream_lines import line_period

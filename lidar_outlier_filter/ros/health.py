@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.plausible import MAX_USUAL_SHARE
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.slow import SlowDetector
 from lidar_outlier_filter.parameters.node import ERROR_LIMITS, HealthLimits
 from lidar_outlier_filter.parameters.yaml_files import config_folder
@@ -35,17 +35,6 @@ DEGRADED = Treatment.DEGRADE.value
 # Of the counts since the start, those without a reason of their own.
 COUNTS: tuple[str, ...] = ('messages', 'points', 'outliers', 'untested', 'invalid', 'dropped')
 COUNTS += ('refused', 'degraded', 'without_pose', 'resets', 'failures')
-# Shares of the points that a detector rejects at most, as a rule: several times what it rejects
-# in dry air (doc/results), and above it in heavy snow or where lines are misread.
-USUAL_SHARES = {
-    'boosted_trees': MAX_USUAL_SHARE,
-    'alpha_beta_gamma': 0.05,
-    'quadric': 0.05,
-    'elevation': 0.1,
-    'sor': 0.1,
-    'lof': 0.15,
-    'hierarchical': 0.6,
-}
 MOST_REJECTED = 0.5  # of all points, by any detectors
 BY_POLICY = {DROPPED, UNFILTERED, DEGRADED}  # load.policy decides these
 
@@ -260,10 +249,10 @@ class _Sample:
     def _unusual(self, limits: HealthLimits) -> Iterator[tuple[int, str]]:
         """Name the detectors that reject more than is usual, unless a limit for all is set."""
         rejected = self.now.rejected - self.before.rejected
-        for name, usual in USUAL_SHARES.items():
+        for name, one in DETECTORS.items():
             share = rejected[name] / max(self.since('points'), 1)
-            if share > usual and not limits.rejected_warn:
-                said = f'{100 * share:.1f} % of the points, usually at most {100 * usual:g} %'
+            if share > one.usual and not limits.rejected_warn:
+                said = f'{100 * share:.1f} % of the points, usually at most {100 * one.usual:g} %'
                 yield WARN, f'{name} rejects {said}'
 
     def _unfiltered(self) -> tuple[float, str]:

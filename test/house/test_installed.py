@@ -330,6 +330,7 @@ def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str
         declared('x', columns=['intensity']),
         declared('x', field='intensity'),
         declared('x', large='some'),
+        declared('x', usual=5),
     ],
 )
 def test_wrong_declarations(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:

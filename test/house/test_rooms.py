@@ -227,7 +227,7 @@ def named(module: Module, names: set[str]) -> Iterator[str]:
 # The tables of all detectors.
 TABLES = {
     *('core.detectors.builtin', 'core.detectors.plugins', 'core.detectors.thresholds'),
-    *('tuning.search_space', 'ros.health'),
+    'tuning.search_space',
 }
 
 

@@ -50,6 +50,9 @@ class Detector:
     large : str
         How it judges a cloud that is larger than memory. ``'files'``: in one piece, with its
         largest arrays in files; ``'tiles'``: each tile with a halo; ``'no'``: not at all.
+    usual : float
+        Share of the points that it rejects at most, as a rule: several times what it rejects in
+        dry air. A node warns above it, as in heavy snow or where lines are misread.
 
     """
 
@@ -63,6 +66,7 @@ class Detector:
     columns: Callable[[FilterParameters], Collection[str]] = lambda _: ()
     field: Callable[[FilterParameters], str] = lambda _: ''
     large: Literal['files', 'tiles', 'no'] = 'no'
+    usual: float = 1.0
 
     def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
         """Score every point."""

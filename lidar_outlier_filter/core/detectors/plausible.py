@@ -23,7 +23,6 @@ MAX_THICKNESS = 0.005
 # Share of a file or topic that the default detector may reject unasked. Of labelled clouds up to
 # 10 % were outliers; methods that do not fit a file rejected half of it, and more.
 MAX_REJECTED_SHARE = 0.15
-MAX_USUAL_SHARE = 0.05  # of the points, above which that is worth a warning
 MIN_SHARE_POINTS = 1000  # points, of which fewer show no share
 
 

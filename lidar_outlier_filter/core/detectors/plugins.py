@@ -36,6 +36,7 @@ LINES = ('no', 'uses', 'needs')
 LARGE = ('files', 'tiles', 'no')
 
 DEFAULT = 'boosted_trees'  # the chain
+MAX_USUAL_SHARE = 0.05  # of the points that it rejects, above which that is worth a warning
 # Modules that explain the scores of a detector. REASONS: what the numbers in Scores.reason mean,
 # from 1 to 255, unique among all detectors. METHODS: for each, its features with a description.
 EXPLANATIONS = {'boosted_trees': f'{__package__}.boosted_trees.methods'}
@@ -47,6 +48,7 @@ _EVERY = (
         score=f'{__package__}.alpha_beta_gamma.detector:score',
         lines='needs',
         large='files',
+        usual=0.05,
         rejects='is improbable after the points before and behind it in its line segment',
     ),
     Detector(
@@ -56,6 +58,7 @@ _EVERY = (
         score=f'{__package__}.quadric.detector:score',
         neighbours=lambda parameters: parameters.of(Quadric).list_length,
         large='tiles',
+        usual=0.05,
         rejects='lies on none of the planes, paraboloids or quadrics through its neighbourhood: '
         '`window: section` tests all points of a section at once, `patch` each in its own patch',
     ),
@@ -66,6 +69,7 @@ _EVERY = (
         score=f'{__package__}.lof:score',
         neighbours=lambda parameters: parameters.of(Lof).min_pts,
         large='files',
+        usual=0.15,
         rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
         'LOF2)',
     ),
@@ -76,6 +80,7 @@ _EVERY = (
         score=f'{__package__}.sor:score',
         neighbours=lambda parameters: parameters.of(Sor).list_length,
         large='files',
+        usual=0.1,
         rejects='is too far from its nearest neighbours: statistical (`sor`, `sor2`), or by '
         '`radius`; both may grow with the range (DSOR, DROR)',
     ),
@@ -84,6 +89,7 @@ _EVERY = (
         bit=16,
         section=Hierarchical,
         score=f'{__package__}.hierarchical:score',
+        usual=0.6,
         rejects='belongs to a cluster of fewer than `min_cluster` points: of the minimum spanning '
         'tree, then (bit 32768 beside it) of the Gabriel graphs, without their long edges; '
         '`min_cluster` ÷ score is the size of the cluster',
@@ -93,6 +99,7 @@ _EVERY = (
         bit=32,
         section=Elevation,
         score=f'{__package__}.elevation:score',
+        usual=0.1,
         rejects='is set apart in elevation, or differs by more than 3 σ from its neighbours on the '
         'map, or is too far above or below the ground (airborne clouds, z up)',
     ),
@@ -104,6 +111,7 @@ _EVERY = (
         lines='uses',
         columns=lambda parameters: parameters.of(BoostedTrees).columns,
         large='files',
+        usual=MAX_USUAL_SHARE,
         rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
         'pattern (spinning sensors, and profile scanners whose mirror turns or swings), or else '
         'on its nearest neighbours',
@@ -279,4 +287,5 @@ _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     'columns': (callable, 'a function of the parameters'),
     'field': (callable, 'a function of the parameters'),
     'large': (LARGE.__contains__, f'one of {", ".join(LARGE)}'),
+    'usual': (lambda value: isinstance(value, float) and 0 < value <= 1, 'a share up to 1.0'),
 }
