@@ -22,7 +22,6 @@ from lidar_outlier_filter.archive.sidecar import (
 from lidar_outlier_filter.errors import NoCloudsError
 from lidar_outlier_filter.files.clean import CleanReport, clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
-from lidar_outlier_filter.files.rejected_list import write_rejected
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.cloud_topic import TopicReport
 from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -194,7 +193,7 @@ class CleanJob(Job):
         """Clean a file."""
         path, found = Path(str(task.location.path)), list[object]()
         output, *others = (Path(str(one)) for one in task.outputs)
-        listed = folder / others.pop().name if self.options['reasons'] else None
+        listed = others.pop() if self.options['reasons'] else None
 
         @contextmanager
         def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
@@ -204,8 +203,6 @@ class CleanJob(Job):
             note((STEP_NAMES.index(step) + done / max(total, 1)) / len(STEP_NAMES))
 
         def inspect(judged: JudgedFile) -> None:
-            if listed is not None:
-                write_rejected(judged, listed)
             if self.inspect is not None:
                 found.append(self.inspect(judged))
 
@@ -215,13 +212,12 @@ class CleanJob(Job):
             self.filter,
             CleanOptions(**self.options),
             outliers=next(iter(others), None),
+            rejected=listed,
             progress=progress,
             slow=lambda detector: inform(f'{path}: {detector}'),
             inspect=inspect,
             make=hidden,
         )
-        if listed is not None:
-            report = replace(report, outputs=(*report.outputs, str(task.outputs[-1])))
         counted = replace(record, state=DONE, topics={THE_FILE: _count_file(report)})
         return Result(counted, asdict(report), report, next(iter(found), None))
 

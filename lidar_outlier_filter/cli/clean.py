@@ -34,7 +34,7 @@ from lidar_outlier_filter.errors import ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, check_file, split_name
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
-from lidar_outlier_filter.files.rejected_list import LISTS, write_rejected
+from lidar_outlier_filter.files.rejected_list import LISTS
 from lidar_outlier_filter.files.text import is_prose
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -119,15 +119,11 @@ def _clean_one(
     path, worst = options.files[0].absolute(), list[Any]()
     output, *others = (name.absolute() for name in _outputs(path, options, folder, path.name))
     listed = others.pop() if str(options.list) in EACH else options.list
-    if listed is not None:
-        check_new(listed, what='--list')
 
     def interrupted() -> str:
         return f'nothing is written to {output}; the same command starts over'
 
     def inspect_judged(judged: JudgedFile) -> None:
-        if listed is not None:
-            write_rejected(judged, listed)
         if inspect is not None:
             worst.append(inspect(judged))
 
@@ -140,13 +136,12 @@ def _clean_one(
             FilterParameters().changed(parameters),
             how,
             outliers=options.outliers or next(iter(others), None),
+            rejected=listed,
             progress=progress,
             slow=lambda slow: say(f'{path}: {slow}'),
             inspect=inspect_judged,
         )
     tables.show_file(path, report, next(iter(worst), None), perf_counter() - start)
-    if listed is not None:
-        show(f'written to {listed}')
     return INCOMPLETE if report.is_untested else DONE
 
 

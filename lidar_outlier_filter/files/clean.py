@@ -47,6 +47,7 @@ from lidar_outlier_filter.files.judged_file import (
     timed,
 )
 from lidar_outlier_filter.files.points import CLASSIFICATION, say_coarse
+from lidar_outlier_filter.files.rejected_list import write_rejected
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
@@ -124,6 +125,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
     options: CleanOptions = CleanOptions(),  # noqa: B008  frozen
     *,
     outliers: Path | None = None,
+    rejected: Path | None = None,
     progress: Progress = lambda _done, _total, _what: None,
     slow: Callable[[SlowDetector], object] | None = None,
     inspect: Callable[[JudgedFile], object] | None = None,
@@ -141,6 +143,7 @@ def clean_file(  # noqa: PLR0913  many callbacks
     parameters : of the filter
     options : of the run
     outliers : new file for the rejected points, where they are separated
+    rejected : new CSV or GeoPackage that lists them, in a dry run, too
     progress : called with the number of points done, of all points, and the step
     slow : called while a detector takes more than 10 × ``max_delay``
     inspect : called with the judged file before anything is written
@@ -150,7 +153,10 @@ def clean_file(  # noqa: PLR0913  many callbacks
     started = datetime.now(UTC)
     file = open_cloud(path, options.table)
     clouds = list_clouds(file, output, outliers, options)
-    outputs = [] if options.dry else [*clouds, log_of(output)]
+    if options.dry:
+        clouds = []
+    lists = [] if rejected is None else [rejected]
+    outputs = [*clouds, *lists, *(() if options.dry else [log_of(output)])]
     with _enough_memory(file), make(outputs) as built:
         allocate = _allocator(built[0] if built else output, options.tile)
         judged = judge_file(file, options, parameters, allocate, progress, slow)
@@ -167,12 +173,14 @@ def clean_file(  # noqa: PLR0913  many callbacks
             )
         seconds = dict(judged.seconds)
         with timed(seconds, 'write'):
-            for change, cloud, target in zip(_changes(judged), outputs, built, strict=False):
+            for change, cloud, target in zip(_changes(judged), clouds, built, strict=False):
                 with writable(cloud):
                     for done in cloud_file.copy(file, target, change):
                         progress(min(done, len(file)), len(file), 'writing')
-        report = _report(judged, outputs[:-1], started, seconds)
-        if built:
+            if rejected is not None:
+                write_rejected(judged, rejected, built[len(clouds)])
+        report = _report(judged, [*clouds, *lists], started, seconds)
+        if not options.dry:
             with writable(outputs[-1]):
                 built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
     return report

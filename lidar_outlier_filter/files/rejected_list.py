@@ -18,7 +18,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.annotations import Floats, Ints
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, bits, reasons
-from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.errors import FilterError, refusing
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.judged_file import JudgedFile
@@ -54,8 +53,8 @@ INSERT INTO gpkg_spatial_ref_sys VALUES
 """
 
 
-def write_rejected(judged: JudgedFile, path: Path) -> None:
-    """Write every rejected point of a file to a new CSV or GeoPackage, chunk by chunk.
+def write_rejected(judged: JudgedFile, path: Path, built: Path) -> None:
+    """Write every rejected point of a file to a CSV or GeoPackage, which is built elsewhere.
 
     Each has its index in the file, from 0 on, its coordinates in the unit and the coordinate system
     of the file, the largest score, the detectors that reject it, and the reason in words; see
@@ -64,12 +63,11 @@ def write_rejected(judged: JudgedFile, path: Path) -> None:
     Raises
     ------
     FilterError
-        If it cannot be written; nothing is left behind then.
+        If it cannot be written.
 
     """
     write = _write_csv if path.suffix.lower() == LISTS[0] else _write_geopackage
-    refused = refusing(FilterError, f'the output {path}', 'written in full', sqlite3.Error)
-    with refused, new_output(path) as built:
+    with refusing(FilterError, f'the output {path}', 'written in full', sqlite3.Error):
         write(judged, built)
 
 
