@@ -127,7 +127,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
     from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
-    from lidar_outlier_lab.training import scenes, train_mixed
+    from lidar_outlier_lab.training import scenes, train_ghosts, train_mixed
     from lidar_outlier_lab.training.train import Recipe, train
 
     progress(0, 1, 'reading')
@@ -145,7 +145,8 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
     # Sparse scanners without rings lose foliage in dry air: it makes a hill, too.
     recipe = Recipe(options.seed, drop=0.0) if options.free else Recipe(options.seed)
     result = train(sweeps, about, recipe, progress)
-    return result.text, result.threshold, _tables(result.held_out)
+    text = result.text if options.free else train_ghosts.add_ghosts(sweeps, result.text, progress)
+    return text, result.threshold, _tables(result.held_out)
 
 
 def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:

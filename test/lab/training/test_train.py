@@ -4,6 +4,7 @@
 
 import json
 from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core import _kernels
+from lidar_outlier_filter.core.detectors import boosted_trees
 from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     FEATURE_NAMES,
+    PATTERN_MODEL,
     SURVEY_MODEL,
     Trees,
 )
@@ -25,7 +28,13 @@ from lidar_outlier_lab.simulation.scenes import profile_streets
 from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
-from lidar_outlier_lab.training import more_sweeps, scenes, train_mixed, train_profile
+from lidar_outlier_lab.training import (
+    more_sweeps,
+    scenes,
+    train_ghosts,
+    train_mixed,
+    train_profile,
+)
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features
@@ -187,6 +196,26 @@ def test_file_of_mixed_pixels_is_complete_and_repeats(monkeypatch: pytest.Monkey
     assert max(first.held_out['clean_rejected'].values()) < 0.01
     with pytest.raises(FilterError, match='sensors'):
         train_mixed.train([one._replace(sensor='one') for one in mixed], {})
+
+
+def test_trees_on_ghosts_are_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both ensembles and their threshold stay; without ghosts everything does."""
+    monkeypatch.setattr(train_ghosts, 'ROUNDS', 8)
+    text = (files(boosted_trees) / PATTERN_MODEL).read_text()
+    ghosts = [one._replace(kind='ghosts') for one in sweeps()]
+    clean = [
+        one._replace(kind='clean', points=one.points.take(~one.outlier), outlier=np.zeros(n, bool))
+        for one in ghosts
+        for n in (np.count_nonzero(~one.outlier),)
+    ]
+    once, twice = (train_ghosts.add_ghosts([*ghosts, *clean], text) for _ in range(2))
+    assert once == twice
+    before, after = json.loads(text), json.loads(once)
+    assert {name for name in after if before.get(name) != after[name]} == {'ghosts', 'held_out'}
+    figures = after['held_out']['ghosts']
+    assert figures['found'] >= figures['found_before']
+    assert figures['lost'] <= train_ghosts.MOST_LOST
+    assert train_ghosts.add_ghosts(clean, text) == text
 
 
 # Clouds without scan lines ------------------------------------------------------------------------

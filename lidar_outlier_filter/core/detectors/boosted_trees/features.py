@@ -132,13 +132,16 @@ FAR = {
     'rejected_neighbour_share8': 'share of suspects among 8 neighbours',
     'rejected_neighbour_share60': 'share of suspects among 60 neighbours',
 }
-# Of mixed pixels: their only reason.
-MIXED = {'between_surfaces': 'between two surfaces at an edge'}
+# Of trees on one cause alone, mixed pixels and ghosts: their only reasons.
+CAUSES = {
+    'between_surfaces': 'between two surfaces at an edge',
+    'mirrored': 'mirrored by glass, metal or water',
+}
 
 
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
-# second pass, of profile scanners, and of mixed pixels. 0: no feature.
-FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE), (193, MIXED))
+# second pass, of profile scanners, and of single causes. 0: no feature.
+FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE), (193, CAUSES))
 LIKELY = ('range', 'range_ratio_glare', 'uneven', 'share', 'share_range')  # no reasons
 REASON_NAMES = {
     first + k: name

@@ -54,7 +54,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.FAR}
 _NONE = np.empty(0, np.int64), np.empty(0)  # no lone points
-_EVERY = {**_PATTERN, **features.MIXED}
+_EVERY = {**_PATTERN, **features.CAUSES}
 REASONS = {
     **{key: ReasonName(name, _EVERY[name]) for key, name in features.REASON_NAMES.items()},
     **{

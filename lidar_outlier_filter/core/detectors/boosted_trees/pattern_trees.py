@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Ints, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     PROFILE,
     REASON_NAMES,
@@ -53,6 +53,9 @@ _NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 # Trees on mixed pixels judge from these log-odds of the first pass on, and what stands off so far,
 # metres, from the returns beside it, the nearer and the other.
 MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-6.0), 0.02, 0.06
+# A ghost is behind what mirrors it: shares of the beams beside it that are nearer, at least.
+MIN_BEFORE = 0.5
+_BEFORE = [[*WINDOW].index(name) for name in ('before_own', 'before_other')]
 
 
 class FoundPattern(NamedTuple):
@@ -114,16 +117,16 @@ def judge(
     """
     trees, prepared = load_model(model), prepare_all(FoundPattern(pattern, model), threads)
     first = first_pass(prepared, trees.first, threads)
-    odds = second_pass(prepared, first, trees.again, trees.doubtful, threads)
+    odds, values = second_pass(prepared, first, trees, threads)
     known = odds[pattern.order >= 0]
     (own,) = find_valleys(known, np.array([trees.threshold]), trees.drop)
-    mixed = raise_mixed(prepared, first, trees.mixed, odds, threads)
+    cause = raise_mixed(prepared, first, trees.mixed, odds, threads)
+    raise_ghosts(trees, first, values, float(own), odds, cause)
     score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
     if reason is not None:
-        mixed = mixed[rejected[mixed]]
-        rejected[mixed] = False
-        found = strongest_of_trees(prepared, first, trees, rejected, threads)
-        found[mixed] = _NUMBERS['between_surfaces']
+        alone = rejected & (cause > 0)
+        found = strongest_of_trees(prepared, first, trees, rejected & ~alone, threads)
+        found[alone] = cause[alone]
         spread(pattern, found, reason)
     return score
 
@@ -160,26 +163,62 @@ def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
 
 
 def second_pass(
-    prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
-) -> Singles:
-    """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
-    result = first.score.copy()
-    write_odds(prepared, first, first.score > np.float32(doubtful), trees, threads, result)
-    return result
+    prepared: Prepared, first: FirstPass, model: TreeModel, threads: int = 0
+) -> tuple[Singles, Singles]:
+    """Return the log-odds (M,) of each place: of these trees, where the first are doubtful.
+
+    Returns the features (F, W) of the doubtful, too, if trees on ghosts need them.
+    """
+    result, doubtful = first.score.copy(), first.score > np.float32(model.doubtful)
+    count = len(WINDOW) + len(PROFILE) * (len(prepared.of_block) > 0) + len(SECOND_PASS)
+    values = np.empty(
+        (count * (len(model.ghosts.value) > 0), np.count_nonzero(doubtful)), np.float32
+    )
+    write_odds(prepared, first, doubtful, model.again, threads, result, values)
+    return result, values
 
 
 def raise_mixed(
     prepared: Prepared, first: FirstPass, trees: Trees, odds: Singles, threads: int = 0
-) -> Ints:
-    """Raise log-odds (M,) to those of being between two surfaces; return the places that rise."""
-    if len(trees.value) == 0:  # of spinning sensors
-        return np.empty(0, np.int64)
-    between = np.full(len(odds), MIN_LOG_ODDS, np.float32)
-    asked = may_be_mixed(prepared.pattern, first.score)
-    write_odds(prepared, None, asked, trees, threads, between)
-    rises = np.flatnonzero(between > odds)
-    odds[rises] = between[rises]
-    return rises
+) -> Bytes:
+    """Raise log-odds (M,) to those of being between two surfaces.
+
+    Returns the reason's number (M,) of places that rise, and 0 of others.
+    """
+    cause = np.zeros(len(odds), np.uint8)
+    if len(trees.value) > 0:  # of profile scanners
+        between = np.full(len(odds), MIN_LOG_ODDS, np.float32)
+        asked = may_be_mixed(prepared.pattern, first.score)
+        write_odds(prepared, None, asked, trees, threads, between)
+        cause[between > odds] = _NUMBERS['between_surfaces']
+        np.maximum(odds, between, out=odds)
+    return cause
+
+
+def raise_ghosts(
+    model: TreeModel, first: FirstPass, values: Singles, limit: float, odds: Singles, cause: Bytes
+) -> None:
+    """Raise log-odds (M,) to those of being mirrored, and write the reason's number (M,).
+
+    Judged are doubtful places, whose features (F, W) are ``values``, which may be mirrored, and
+    which the block's threshold ``limit`` does not reject. How much lower it is than the model's
+    does not count.
+    """
+    if len(model.ghosts.value) == 0:
+        return
+    doubtful = np.flatnonzero(first.score > np.float32(model.doubtful))
+    kept = np.flatnonzero((odds[doubtful] <= limit) & may_be_mirrored(values))
+    places, mirrored = doubtful[kept], np.empty(len(kept), np.float32)
+    _kernels.add_trees(model.ghosts, np.take(values, kept, axis=1), mirrored)
+    mirrored += np.float32(limit - model.threshold)
+    rises = mirrored > odds[places]
+    odds[places[rises]], cause[places[rises]] = mirrored[rises], _NUMBERS['mirrored']
+
+
+def may_be_mirrored(values: Singles) -> Bools:
+    """Return which of W points with these features (F, W) trees on ghosts judge."""
+    behind: Bools = (values[_BEFORE] >= np.float32(MIN_BEFORE)).all(axis=0)
+    return behind
 
 
 def may_be_mixed(pattern: Pattern, score: Singles) -> Bools:

@@ -79,6 +79,7 @@ class TreeModel(NamedTuple):
     threshold : log-odds above which a point is rejected
     drop : log-odds by which :func:`find_valleys` may lower the threshold of a block
     mixed : trees on mixed pixels alone, which have the features of the first pass; not all have any
+    ghosts : trees on ghosts alone, which have the features of both passes; not all have any
 
     """
 
@@ -88,6 +89,7 @@ class TreeModel(NamedTuple):
     threshold: float
     drop: float
     mixed: Trees = NO_TREES
+    ghosts: Trees = NO_TREES
 
 
 @lru_cache
@@ -100,7 +102,12 @@ def load(name: str = PATTERN_MODEL) -> TreeModel:
         If its version or a feature is unknown.
 
     """
-    data, (names, names_again) = read_file(name), FEATURE_NAMES[name]
+    return parse(read_file(name), name)
+
+
+def parse(data: dict[str, Any], name: str) -> TreeModel:
+    """Read a model of a file's content; ``name`` says the features."""
+    names, names_again = FEATURE_NAMES[name]
     return TreeModel(
         read_trees(data['first'], names),
         read_trees(data['again'], names_again),
@@ -108,6 +115,7 @@ def load(name: str = PATTERN_MODEL) -> TreeModel:
         float(data['threshold']),
         float(data.get('drop', 0.0)),
         read_trees(data['mixed'], names) if 'mixed' in data else NO_TREES,
+        read_trees(data['ghosts'], names_again) if 'ghosts' in data else NO_TREES,
     )
 
 

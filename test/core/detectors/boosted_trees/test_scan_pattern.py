@@ -24,6 +24,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     MIN_LOG_ODDS,
+    NO_TREES,
     Trees,
     find_valleys,
     load,
@@ -233,12 +234,39 @@ def test_score_of_1_is_the_threshold_of_the_block(
     monkeypatch.setattr(pattern_trees, 'load_model', lambda _name: model)
     first = first_pass(prepared, model.first)
     odds = np.empty(len(points), np.float32)
-    spread(pattern, second_pass(prepared, first, model.again, model.doubtful), odds)
+    spread(pattern, second_pass(prepared, first, model)[0], odds)
     own = naive.valley(odds.tolist(), model.threshold, drop)
     assert (own < model.threshold) == (drop > 0)
     limit = threshold * (own - MIN_LOG_ODDS)
     expected = np.maximum(odds.astype(np.float64) - MIN_LOG_ODDS, 0.0) / limit
     np.testing.assert_array_equal(judge(pattern, threshold), expected)
+
+
+@pytest.mark.parametrize('drop', [0.0, 2.0])
+def test_trees_on_ghosts_judge_what_is_doubted_and_kept(
+    drop: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By their own threshold, whatever the valley of a block; the higher log-odds count."""
+    pattern = pattern_of(sweep(5, 0.1, columns=900))
+    model, size = load()._replace(drop=drop, ghosts=NO_TREES), count_points(pattern)
+    monkeypatch.setattr(pattern_trees, 'load_model', lambda _name: model)
+    before, first = judge(pattern, 1.0), np.empty(size, np.float32)
+    zeros = np.zeros((1, 7), np.int32), np.zeros((1, 7), np.float32), np.zeros((1, 8), np.float32)
+    prepared, behind = prepare(pattern), np.zeros(size, np.bool_)
+    once = first_pass(prepared, model.first)
+    spread(pattern, once.score, first)
+    own, other = measure(prepared, once)[[[*WINDOW].index(f'before_{n}') for n in ('own', 'other')]]
+    spread(pattern, (own >= 0.5) & (other >= 0.5), behind)
+    for odds, rises in ((model.threshold + 0.1, True), (model.threshold - 0.1, False)):
+        one = Trees(*zeros, np.float32(odds))
+        more, reason = model._replace(ghosts=one), np.zeros(size, np.uint8)
+        monkeypatch.setattr(pattern_trees, 'load_model', lambda _name, more=more: more)
+        found = judge(pattern, 1.0, reason=reason)
+        raised = (first > model.doubtful) & (before <= 1) & behind & rises
+        np.testing.assert_array_equal(found > 1, (before > 1) | raised)
+        np.testing.assert_array_equal(reason == 194, raised)
+        np.testing.assert_array_equal(found[before > 1], before[before > 1])
+    assert raised.sum() == 0 < (first > model.doubtful).sum()
 
 
 NUMBERS = (0, 30, 49, 50, 80, 3000)  # of outliers

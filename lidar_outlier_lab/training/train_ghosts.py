@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Add trees on ghosts alone to the model of spinning sensors.
+
+They judge what both ensembles of :mod:`.train` doubt and keep, and what is behind nearer points.
+Good are all other points, those of weather too. Sensors are left out in folds, each once, for the threshold and the figures.
+"""
+
+import json
+import zlib
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.annotations import Bools, Floats, Progress, Singles
+from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import may_be_mirrored
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    PATTERN_MODEL,
+    TreeModel,
+    find_valleys,
+    parse,
+    read_trees,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+from lidar_outlier_lab.training.held_out import CLEAN, STREET
+from lidar_outlier_lab.training.learner import Drawn, judge_pass, learn, window_features
+from lidar_outlier_lab.training.train import Sweep
+
+GHOSTS = 'ghosts'  # the kind of sweeps
+# Mixed pixels of recordings are unlabelled in all of them, and are no ghosts.
+KINDS = {CLEAN, STREET, *WEATHERS} - {'mixed'}
+# With intensities or without; `share` would tell how many outliers the training had.
+USED = [name for name in (*WINDOW, *SECOND_PASS) if name not in {'bright', 'rank', 'share'}]
+ROWS = [(*WINDOW, *SECOND_PASS).index(name) for name in USED]
+ROUNDS, FOLDS = 100, 4  # trees, and parts of the sensors
+GOOD, BAD = 4000, 1500  # points of a sweep that are drawn
+GOOD_COUNTS = 0.05  # how much good points count, of which there are many more
+MAX_SHARE = 0.02  # ghosts of a sweep count as if they were at most so many of its points
+MIN_GHOSTS = 30  # of a sweep, for training and figures
+MOST_LOST = 5e-5  # of the good points of clean sweeps, mean of sensors that were left out
+LIMITS = np.arange(-30, 81) / 10.0
+
+
+class _Seen(NamedTuple):
+    """The points of a sweep that are doubted and kept: features (F, N), and which are outliers."""
+
+    sweep: Sweep
+    values: Singles
+    outlier: Bools
+    good: int  # points of the whole sweep
+    bad: int
+    found: int  # of the bad, by both ensembles
+
+
+def add_ghosts(
+    sweeps: Sequence[Sweep],
+    text: str,
+    progress: Progress = lambda _done, _total, _what: None,
+) -> str:
+    """Add the trees to a model's text, with a threshold that its own holds for, too.
+
+    Without sweeps of ghosts the model stays as it is.
+    """
+    progress(0, 1, 'ghosts alone')
+    data = json.loads(text)
+    model, some = parse(data, PATTERN_MODEL), [one for one in sweeps if one.kind in KINDS]
+    seen = [_see(one, model) for one in some]
+    seen = [one for one in seen if one.sweep.kind != GHOSTS or one.bad >= MIN_GHOSTS]
+    if not any(one.sweep.kind == GHOSTS for one in seen):
+        return text
+    limit, data['held_out']['ghosts'] = _held_out(seen)
+    data['ghosts'] = learn([_draw(one) for one in seen], USED, ROUNDS)
+    data['ghosts']['start'] += model.threshold - limit
+    return json.dumps(data, separators=(',', ':'))
+
+
+def _see(sweep: Sweep, model: TreeModel) -> _Seen:
+    pattern = find_pattern(sweep.points, spins=True)
+    if pattern is None:
+        raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
+    prepared, there = prepare(pattern), pattern.order >= 0
+    first = judge_pass(model.first, window_features(prepared, None), None)
+    values = window_features(prepared, first)
+    odds = judge_pass(model.again, values, first, model.doubtful)
+    (own,) = find_valleys(odds, np.array([model.threshold]), model.drop)
+    outlier = sweep.outlier[pattern.order[there]]
+    asked = (first > model.doubtful) & (odds <= own) & may_be_mirrored(values)
+    bad, found = int(outlier.sum()), int((outlier & (odds > own)).sum())
+    kept = values[ROWS][:, asked], outlier[asked]
+    return _Seen(sweep, *kept, len(outlier) - bad, bad, found)
+
+
+def _draw(seen: _Seen) -> Drawn:
+    """Draw points that count as many as there are; outliers of other causes are left out."""
+    rng = np.random.default_rng(zlib.crc32(seen.sweep.name.encode()))
+    bad, points = np.flatnonzero(seen.outlier & (seen.sweep.kind == GHOSTS)), seen.good + seen.bad
+    share = min(1.0, MAX_SHARE * points / max(seen.bad, 1))
+    rows, weights = [], []
+    good = np.flatnonzero(~seen.outlier)
+    for index, most, count in ((good, GOOD, GOOD_COUNTS), (bad, BAD, share)):
+        some = rng.choice(index, min(most, len(index)), replace=False)
+        rows.append(some)
+        weights.append(np.full(len(some), count * len(index) / max(len(some), 1) / points))
+    row = np.concatenate(rows)
+    return Drawn(seen.values[:, row], seen.outlier[row], np.concatenate(weights))
+
+
+def _held_out(seen: Sequence[_Seen]) -> tuple[float, dict[str, float]]:
+    """Choose the threshold; return what is found and lost more by it, means of the sensors."""
+    sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
+    before: dict[str, list[float]] = {name: [] for name in sensors}
+    found: dict[str, list[Floats]] = {name: [] for name in sensors}
+    lost = deepcopy(found)
+    for k in range(FOLDS):
+        fold = sensors[k::FOLDS]
+        some = [_draw(one) for one in seen if one.sweep.sensor not in fold]
+        trees = read_trees(learn(some, USED, ROUNDS), tuple(USED))
+        for one in (one for one in seen if one.sweep.sensor in fold):
+            above = judge_pass(trees, one.values, None) > LIMITS[:, None]
+            if one.sweep.kind == CLEAN:
+                lost[one.sweep.sensor].append(above.sum(axis=1) / one.good)
+            elif one.sweep.kind == GHOSTS:
+                more = (above & one.outlier).sum(axis=1)
+                before[one.sweep.sensor].append(one.found / one.bad)
+                found[one.sweep.sensor].append((one.found + more) / one.bad)
+    mean = [[np.mean(some, axis=0) for some in each.values() if some] for each in (found, lost)]
+    at = int(np.flatnonzero(np.mean(mean[1], axis=0) <= MOST_LOST)[0])
+    figures = {
+        'found_before': np.mean([np.mean(some) for some in before.values() if some]),
+        'found': np.mean(mean[0], axis=0)[at],
+        'lost': np.mean(mean[1], axis=0)[at],
+        'worst': np.max(mean[1], axis=0)[at],
+    }
+    return float(LIMITS[at]), {name: round(float(value), 6) for name, value in figures.items()}
