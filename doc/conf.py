@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
-    MIXED,
+    CAUSES,
     PROFILE,
     REASON_NAMES,
     SECOND_PASS,
@@ -68,7 +68,7 @@ def without_title(text: str) -> str:
 
 def reasons_table() -> str:
     """Return the table of the reasons in ``outlier_reason``."""
-    meaning = MIXED | PROFILE | SECOND_PASS | WINDOW
+    meaning = CAUSES | PROFILE | SECOND_PASS | WINDOW
     rows = [f'| {k} | `{name}` | {meaning[name]} |' for k, name in REASON_NAMES.items()]
     return '\n'.join(['| number | feature | meaning |', '| ---: | --- | --- |', *rows])
 
