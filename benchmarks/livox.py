@@ -16,7 +16,6 @@ import argparse
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,16 +24,12 @@ from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
-from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, table, write
 from lidar_outlier_lab.results.peers import distances, dror, lof
-from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
-from lidar_outlier_lab.simulation.weather.beams import beams_of
 from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360, FreeScanner
-from lidar_outlier_lab.simulation.world.recording import to_message
+from lidar_outlier_lab.training.free_sweeps import scanner_sweeps
 from lidar_outlier_lab.training.held_out import CLEAN, MIN_OUTLIERS, STREET, HeldOut, judge_at_all
-from lidar_outlier_lab.training.scenes import put_weather
 from lidar_outlier_lab.training.train import Sweep
 
 PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'results' / 'livox.md'
@@ -68,28 +63,9 @@ class Judged:
         return len(self.ours[FREE])
 
 
-def street(scanner: FreeScanner, seed: int) -> tuple[Points, Points, np.ndarray]:
-    """Return a cloud in dry air: its good points, all of them, and which are outliers."""
-    cloud = dry_turn(scanner, seed)
-    decoded = Decoder(FilterParameters()).decode(to_message(cloud.stamp, cloud.points, cloud.frame))
-    points = replace(decoded, t=decoded.t - cloud.stamp)
-    bad = cloud.points['label'] > 0
-    return points.take(~bad), points, bad
-
-
 def sweeps(name: str, seed: int) -> Iterator[Sweep]:
-    """Simulate all clouds of a scanner in the street of a seed, in order of time."""
-    scanner = SCANNERS[name]
-    rng = np.random.default_rng([seed, scanner.rings])
-    scanner = replace(scanner, before=int(rng.integers(100 * scanner.shots_per_line)))
-    good, every, bad = street(scanner, seed)
-    yield Sweep(name, name, CLEAN, good, np.zeros(len(good), np.bool_))
-    yield Sweep(name, name, STREET, every, bad)
-    for number, weather in enumerate(WEATHER):
-        find = partial(beams_of, scanner)
-        points, outlier = put_weather(good, weather, [seed, number], find=find)
-        order = np.argsort(points.t, kind='stable')
-        yield Sweep(name, name, weather, points.take(order), outlier[order])
+    """Simulate all clouds of a scanner in the street of a seed."""
+    return scanner_sweeps(name, SCANNERS[name], seed, WEATHER)
 
 
 def by_default(points: Points, outlier: np.ndarray) -> Confusion:

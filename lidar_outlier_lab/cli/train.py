@@ -47,10 +47,10 @@ def add_train(commands: Commands) -> None:
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '
         'trees for profile scanners, on simulated streets alone. With --survey, train those for '
-        'clouds without scan lines; with --free, without other laws of weather, those for '
-        'scanners without rings; with --mixed, those of `mixed_pixels`. It takes about a quarter '
-        'of an hour of processor time; with --profile, --survey or --mixed a few minutes. Needs '
-        'the extra "lab".',
+        'clouds without scan lines; with --free, on recordings without their rings and simulated '
+        'scanners, those for scanners without rings; with --mixed, those of `mixed_pixels`. It '
+        'takes about a quarter of an hour of processor time; with --profile, --survey or --mixed a '
+        'few minutes. Needs the extra "lab".',
         epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
         '  lidar-outlier-filter train --survey --output trees.json',
     )
@@ -65,7 +65,7 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         '--free',
         action='store_true',
-        help='for scanners without rings: without other laws of weather',
+        help='for scanners without rings: on simulated ones, and recordings without their rings',
     )
     parser.add_argument(
         '--mixed', action='store_true', help='for `mixed_pixels`: points between two surfaces alone'
@@ -111,7 +111,8 @@ def _run(options: argparse.Namespace) -> int:
     chosen = [path for name, path in outputs.items() if getattr(options, name)]
     if len(chosen) > 1:
         raise FilterError('--profile, --survey, --free and --mixed', 'one of them', 'more')
-    train = _train_scenes if options.profile or options.survey else _train_spinning
+    train = _train_free if options.free else _train_spinning
+    train = _train_scenes if options.profile or options.survey else train
     output = options.output or (*chosen, OUTPUT)[0]
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
@@ -132,7 +133,7 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
 
     progress(0, 1, 'reading')
     recordings, scanners = _recordings(options), _scanners(options)
-    laws = () if options.free or options.mixed else scenes.TRAINED
+    laws = () if options.mixed else scenes.TRAINED
     weathers = [train_mixed.MIXED] if options.mixed else [*WEATHERS]
     sweeps = scenes.make_sweeps(
         recordings, scanners, options.seed, progress, laws=laws, weathers=weathers
@@ -142,8 +143,25 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
         about['about'] = 'Trees on mixed pixels, by lidar-outlier-filter train --mixed'
         result = train_mixed.train(sweeps, about, options.seed, progress)
         return result.text, result.threshold, [_mixed_table(result.held_out)]
-    # Sparse scanners without rings lose foliage in dry air: it makes a hill, too.
-    recipe = Recipe(options.seed, drop=0.0) if options.free else Recipe(options.seed)
+    result = train(sweeps, about, Recipe(options.seed), progress)
+    return result.text, result.threshold, _tables(result.held_out)
+
+
+def _train_free(options: argparse.Namespace, progress: Progress) -> _Trained:
+    """Train on scanners without rings that are simulated, and on recordings in bands."""
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_lab.training import free_sweeps
+    from lidar_outlier_lab.training.train import train
+
+    progress(0, 1, 'reading')
+    recordings = _recordings(options)
+    sweeps = free_sweeps.make_sweeps(recordings, options.seed, progress)
+    about = {
+        'about': 'Two ensembles of trees for scanners without rings, by train --free',
+        'package': __version__,
+        'trained_on': free_sweeps.about([name for name, _ in recordings]),
+    }
+    recipe = free_sweeps.RECIPE._replace(seed=options.seed)
     result = train(sweeps, about, recipe, progress)
     text = result.text if options.free else train_ghosts.add_ghosts(sweeps, result.text, progress)
     return text, result.threshold, _tables(result.held_out)

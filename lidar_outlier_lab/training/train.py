@@ -92,6 +92,7 @@ class Recipe(NamedTuple):
     folds : parts of the sensors, each of which is left out once
     unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
     drop : log-odds by which a block's valley may lower the threshold
+    bad_counts : how much outliers of a sweep count, by its kind; 1 where it has no row
 
     """
 
@@ -100,6 +101,7 @@ class Recipe(NamedTuple):
     folds: int = FOLDS
     unseen: Collection[str] = ()
     drop: float = 2.0
+    bad_counts: Mapping[str, float] = BAD_COUNTS
 
 
 class _Seen(NamedTuple):
@@ -173,7 +175,7 @@ def _pass(
     again = odds is not None
     before = [None] * len(seen) if odds is None else odds
     drawn = {
-        number: _draw(one, recipe.seed, number, before[number])
+        number: _draw(one, recipe, number, before[number])
         for number, one in enumerate(seen)
         if one.trains
     }
@@ -228,11 +230,11 @@ def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
     )
 
 
-def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
+def _draw(seen: _Seen, recipe: Recipe, number: int, odds: Singles | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
     drawable = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > LEARN_FROM
-    rng = np.random.default_rng([seed, number, again])
+    rng = np.random.default_rng([recipe.seed, number, again])
     bad = np.flatnonzero(seen.outlier & drawable)
     values = window_features(seen.prepared, odds)
     known = seen.sweep.kind == STREET or ~lie_between(seen.prepared.pattern, values)
@@ -243,7 +245,7 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
     some_bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
     some_good = rng.choice(good, min(most, len(good)), replace=False)
-    counts = BAD_COUNTS.get(kind, 1.0) * min(1.0, all_bad / MIN_OUTLIERS)
+    counts = recipe.bad_counts.get(kind, 1.0) * min(1.0, all_bad / MIN_OUTLIERS)
     of_bad = counts * len(bad) / max(all_bad, 1) / max(len(some_bad), 1)
     counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)

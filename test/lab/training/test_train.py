@@ -29,6 +29,7 @@ from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
 from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, SurveyScene, training_scene
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
 from lidar_outlier_lab.training import (
+    free_sweeps,
     more_sweeps,
     scenes,
     train_ghosts,
@@ -277,6 +278,10 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, 'MAX_SHARE', {'dust': scenes.MAX_SHARE['dust']})
     seed, _, *others = Recipe.__new__.__defaults__ or ()
     monkeypatch.setattr(Recipe.__new__, '__defaults__', (seed, (3, 4), *others))
+    values = {'SCANNERS': 1, 'STREETS': 1, 'WEATHER': ('dust',), 'SHOTS': (2e4, 2e4)}
+    values['RECIPE'] = free_sweeps.RECIPE._replace(rounds=(3, 4))
+    for name, value in values.items():
+        monkeypatch.setattr(free_sweeps, name, value)
 
 
 def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
@@ -354,7 +359,7 @@ def test_more_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures('few', 'few_edges')
 @pytest.mark.parametrize('free', [[], ['--free']])
 def test_command(recordings: Path, tmp_path: Path, capsys: Capture, free: list[str]) -> None:
-    """Recordings given train; the file says which. Without rings there is one law of weather."""
+    """Recordings given train; the file says which. Without rings drawn scanners do, too."""
     onto = [str(recordings / 'bags' / name) for name in ('vlp16_mrpt_mcap', 'os0_32.bag')]
     output = tmp_path / 'mine.json'
     assert main(['train', *free, '--onto', *onto, '--output', str(output)]) == 0
@@ -362,6 +367,7 @@ def test_command(recordings: Path, tmp_path: Path, capsys: Capture, free: list[s
     assert data['trained_on']['recordings'] == ['vlp16_mrpt_mcap', 'os0_32']
     more = [] if free else [f'{law} dust' for law in scenes.TRAINED]
     assert {*data['held_out']['weather']} == {'dust', *more}
+    assert bool(free) == ({'scanner 0 clean 900', 'os0_32 dust 0 thinned 0'} <= {*data['sweeps']})
     assert {'written', 'vlp16_mrpt_mcap'} <= {*capsys.readouterr().out.split()}
 
 
