@@ -144,7 +144,8 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
         result = train_mixed.train(sweeps, about, options.seed, progress)
         return result.text, result.threshold, [_mixed_table(result.held_out)]
     result = train(sweeps, about, Recipe(options.seed), progress)
-    return result.text, result.threshold, _tables(result.held_out)
+    text = train_ghosts.add_ghosts(sweeps, result.text, progress)
+    return text, result.threshold, _tables(result.held_out)
 
 
 def _train_free(options: argparse.Namespace, progress: Progress) -> _Trained:
@@ -163,8 +164,7 @@ def _train_free(options: argparse.Namespace, progress: Progress) -> _Trained:
     }
     recipe = free_sweeps.RECIPE._replace(seed=options.seed)
     result = train(sweeps, about, recipe, progress)
-    text = result.text if options.free else train_ghosts.add_ghosts(sweeps, result.text, progress)
-    return text, result.threshold, _tables(result.held_out)
+    return result.text, result.threshold, _tables(result.held_out)
 
 
 def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:

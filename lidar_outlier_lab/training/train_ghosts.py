@@ -3,7 +3,8 @@
 """Add trees on ghosts alone to the model of spinning sensors.
 
 They judge what both ensembles of :mod:`.train` doubt and keep, and what is behind nearer points.
-Good are all other points, those of weather too. Sensors are left out in folds, each once, for the threshold and the figures.
+Good are all other points, those of weather too. Sensors are left out in folds, each once, for the
+threshold and the figures.
 """
 
 import json

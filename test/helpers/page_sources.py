@@ -139,7 +139,7 @@ def _causes(figures: Figures) -> Iterator[str]:
 
 def _worst(some: Iterable[tuple[float, ...]]) -> str:
     """Write the least found, or the least F1 and what is lost then; bold where it is bad."""
-    found, *lost = min(some, default=(np.nan,))
+    found, *lost = min(some, key=lambda one: (one[0], *(-x for x in one[1:])), default=(np.nan,))
     text = f'{found:.2f} ({percent(lost[0])})' if lost else f'{100 * found:.0f} %'
     text = f'**{text}**' if found < LITTLE or max(lost, default=0) > MUCH else text
     return '–' if np.isnan(found) else text
