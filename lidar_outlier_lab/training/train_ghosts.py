@@ -48,7 +48,7 @@ MOST_LOST = 5e-5  # of the good points of clean sweeps, mean of sensors that wer
 LIMITS = np.arange(-30, 81) / 10.0
 
 
-class _Seen(NamedTuple):
+class _Kept(NamedTuple):
     """The points of a sweep that are doubted and kept: features (F, N), and which are outliers."""
 
     sweep: Sweep
@@ -81,7 +81,7 @@ def add_ghosts(
     return json.dumps(data, separators=(',', ':'))
 
 
-def _see(sweep: Sweep, model: TreeModel) -> _Seen:
+def _see(sweep: Sweep, model: TreeModel) -> _Kept:
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
@@ -94,10 +94,10 @@ def _see(sweep: Sweep, model: TreeModel) -> _Seen:
     asked = (first > model.doubtful) & (odds <= own) & may_be_mirrored(values)
     bad, found = int(outlier.sum()), int((outlier & (odds > own)).sum())
     kept = values[ROWS][:, asked], outlier[asked]
-    return _Seen(sweep, *kept, len(outlier) - bad, bad, found)
+    return _Kept(sweep, *kept, len(outlier) - bad, bad, found)
 
 
-def _draw(seen: _Seen) -> Drawn:
+def _draw(seen: _Kept) -> Drawn:
     """Draw points that count as many as there are; outliers of other causes are left out."""
     rng = np.random.default_rng(zlib.crc32(seen.sweep.name.encode()))
     bad, points = np.flatnonzero(seen.outlier & (seen.sweep.kind == GHOSTS)), seen.good + seen.bad
@@ -112,7 +112,7 @@ def _draw(seen: _Seen) -> Drawn:
     return Drawn(seen.values[:, row], seen.outlier[row], np.concatenate(weights))
 
 
-def _held_out(seen: Sequence[_Seen]) -> tuple[float, dict[str, float]]:
+def _held_out(seen: Sequence[_Kept]) -> tuple[float, dict[str, float]]:
     """Choose the threshold; return what is found and lost more by it, means of the sensors."""
     sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
     before: dict[str, list[float]] = {name: [] for name in sensors}
