@@ -9,7 +9,7 @@ threshold and the figures.
 
 import json
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from typing import NamedTuple
 
@@ -66,19 +66,35 @@ def add_ghosts(
 ) -> str:
     """Add the trees to a model's text, with a threshold that its own holds for, too.
 
-    Without sweeps of ghosts the model stays as it is.
+    Where too few sensors have ghosts that are doubted, and good points, the model stays as it is.
     """
     progress(0, 1, 'ghosts alone')
     data = json.loads(text)
     model, some = parse(data, PATTERN_MODEL), [one for one in sweeps if one.kind in KINDS]
     seen = [_see(one, model) for one in some]
     seen = [one for one in seen if one.sweep.kind != GHOSTS or one.bad >= MIN_GHOSTS]
-    if not any(one.sweep.kind == GHOSTS for one in seen):
+    if not all(_can_train(others) for _, others in _folds(seen)):
         return text
     limit, data['held_out']['ghosts'] = _held_out(seen)
     data['ghosts'] = learn([_draw(one) for one in seen], USED, ROUNDS)
     data['ghosts']['start'] += model.threshold - limit
     return json.dumps(data, separators=(',', ':'))
+
+
+def _folds(seen: Sequence[_Kept]) -> Iterator[tuple[list[_Kept], list[_Kept]]]:
+    """Return the sweeps of some sensors, and those of all others; each sensor comes once."""
+    sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
+    for k in range(FOLDS):
+        fold = sensors[k::FOLDS]
+        yield (
+            [one for one in seen if one.sweep.sensor in fold],
+            [one for one in seen if one.sweep.sensor not in fold],
+        )
+
+
+def _can_train(seen: Sequence[_Kept]) -> bool:
+    ghosts = any(one.outlier.any() for one in seen if one.sweep.kind == GHOSTS)
+    return ghosts and any(not one.outlier.all() for one in seen)
 
 
 def _see(sweep: Sweep, model: TreeModel) -> _Kept:
@@ -118,11 +134,9 @@ def _held_out(seen: Sequence[_Kept]) -> tuple[float, dict[str, float]]:
     before: dict[str, list[float]] = {name: [] for name in sensors}
     found: dict[str, list[Floats]] = {name: [] for name in sensors}
     lost = deepcopy(found)
-    for k in range(FOLDS):
-        fold = sensors[k::FOLDS]
-        some = [_draw(one) for one in seen if one.sweep.sensor not in fold]
-        trees = read_trees(learn(some, USED, ROUNDS), tuple(USED))
-        for one in (one for one in seen if one.sweep.sensor in fold):
+    for fold, others in _folds(seen):
+        trees = read_trees(learn([_draw(one) for one in others], USED, ROUNDS), tuple(USED))
+        for one in fold:
             above = judge_pass(trees, one.values, None) > LIMITS[:, None]
             if one.sweep.kind == CLEAN:
                 lost[one.sweep.sensor].append(above.sum(axis=1) / one.good)

@@ -217,7 +217,8 @@ def raise_ghosts(
 
 def may_be_mirrored(values: Singles) -> Bools:
     """Return which of W points with these features (F, W) trees on ghosts judge."""
-    behind: Bools = (values[_BEFORE] >= np.float32(MIN_BEFORE)).all(axis=0)
+    own, other = values[_BEFORE]
+    behind: Bools = np.minimum(own, other) >= np.float32(MIN_BEFORE)
     return behind
 
 
