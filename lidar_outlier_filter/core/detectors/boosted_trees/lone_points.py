@@ -21,6 +21,9 @@ from lidar_outlier_filter.core.neighbours.typical import K
 REACH = 5.0
 # Width ÷ length of a point and its eight neighbours, below which they lie on a line, as on a wire.
 MAX_THINNESS = 0.15
+# Height ÷ width below which they are level ground, as seen through a crown; and the least cosine of
+# its slope.
+MAX_FLATNESS, MIN_LEVEL = 0.07, 0.8
 
 
 class Parted(NamedTuple):
@@ -77,12 +80,13 @@ def _find(hood: Neighbourhood, around: Floor) -> tuple[Ints, Floats]:
     together = np.concatenate([hood.xyz[sparse][:, None], hood.xyz[near]], axis=1)
     distance = np.linalg.norm(together[:, 1:] - together[:, :1], axis=2)
     together -= together.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(np.einsum('ski,skj->sij', together, together))
-    on_line = squares[:, 1] < MAX_THINNESS**2 * squares[:, 2]
+    squares, axes = np.linalg.eigh(np.einsum('ski,skj->sij', together, together))
+    in_row = squares[:, 1] < MAX_THINNESS**2 * squares[:, 2]
+    in_row |= (squares[:, 0] < MAX_FLATNESS**2 * squares[:, 1]) & (abs(axes[:, 2, 0]) > MIN_LEVEL)
     has_company = np.ones(len(radius), np.bool_)
-    has_company[sparse] = on_line
+    has_company[sparse] = in_row
     # All within reach are among the eight nearest, as the eighth is beyond.
-    is_lone = ~(on_line | (has_company[near] & (distance <= reach[:, None])).any(axis=1))
+    is_lone = ~(in_row | (has_company[near] & (distance <= reach[:, None])).any(axis=1))
     isolation: Floats = radius[sparse[is_lone]] / reach[is_lone]
     return sparse[is_lone], isolation
 
