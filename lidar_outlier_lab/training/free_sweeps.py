@@ -41,6 +41,8 @@ CLOUD_S = 0.1  # seconds
 SHOTS = (50e3, 450e3)  # a second
 THINNED = (4e3, 5e4)  # points of a recording's cloud that are kept
 CLEAN_OF_EACH = 3  # times that a clean one is thinned out
+# Points of a clean cloud that end on the way, and how far along it: a twig is not all there is.
+STRAYS, STRAY_SHARE, ON_THE_WAY = 'strays', (0.002, 0.1), (0.1, 0.9)
 # Streets alone have mixed points and ghosts, and few of them. Dense snow around a sparse scanner
 # passes for foliage, until its hill is seen.
 RECIPE = Recipe(folds=4, drop=3.0, bad_counts={**BAD_COUNTS, STREET: 3.0})
@@ -111,6 +113,17 @@ def thin_out(sweep: Sweep, number: int) -> Sweep:
     return sweep._replace(name=f'{sweep.name} thinned {number}', points=points, outlier=outlier)
 
 
+def with_strays(sweep: Sweep) -> Sweep:
+    """Let some beams of a clean sweep end on their way."""
+    rng = np.random.default_rng(zlib.crc32(sweep.name.encode()))
+    outlier = rng.random(len(sweep.outlier)) < np.exp(rng.uniform(*np.log(STRAY_SHARE)))
+    part = np.where(outlier, rng.uniform(*ON_THE_WAY, len(outlier)), 1.0)
+    points = replace(sweep.points, xyz=sweep.points.xyz * part[:, None])
+    return sweep._replace(
+        name=f'{sweep.name} {STRAYS}', kind=STRAYS, points=points, outlier=outlier
+    )
+
+
 def make_sweeps(
     recordings: Sequence[tuple[str, Sequence[Points]]], seed: int, progress: Progress
 ) -> list[Sweep]:
@@ -135,7 +148,8 @@ def make_sweeps(
         for k in range(STREETS):
             place = FIRST_STREET + STREETS * number + k
             sweeps += scanner_sweeps(name, scanner, place, WEATHER, RETURNS)
-    return [sweep._replace(points=in_bands(sweep.points)) for sweep in sweeps]
+    made = [sweep._replace(points=in_bands(sweep.points)) for sweep in sweeps]
+    return made + [with_strays(sweep) for sweep in made if sweep.kind == CLEAN]
 
 
 def about(sensors: Sequence[str]) -> dict[str, Any]:
