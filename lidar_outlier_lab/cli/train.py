@@ -102,18 +102,17 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import check_new, new_output
 
     import_module('sklearn')  # before the work
-    outputs = {
-        'profile': PROFILE_OUTPUT,
-        'survey': SURVEY_OUTPUT,
-        'free': FREE_OUTPUT,
-        'mixed': MIXED_OUTPUT,
+    kinds = {
+        'profile': (PROFILE_OUTPUT, _train_scenes),
+        'survey': (SURVEY_OUTPUT, _train_scenes),
+        'free': (FREE_OUTPUT, _train_free),
+        'mixed': (MIXED_OUTPUT, _train_spinning),
     }
-    chosen = [path for name, path in outputs.items() if getattr(options, name)]
+    chosen = [kind for name, kind in kinds.items() if getattr(options, name)]
     if len(chosen) > 1:
         raise FilterError('--profile, --survey, --free and --mixed', 'one of them', 'more')
-    train = _train_free if options.free else _train_spinning
-    train = _train_scenes if options.profile or options.survey else train
-    output = options.output or (*chosen, OUTPUT)[0]
+    default, train = (*chosen, (OUTPUT, _train_spinning))[0]
+    output = options.output or default
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
     check_new(output)

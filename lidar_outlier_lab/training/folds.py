@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress,
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, Trees, read_trees
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
-from lidar_outlier_lab.training.learner import Drawn, Trained, learn
+from lidar_outlier_lab.training.learner import Drawn, Trained, draw_rows, learn
 
 FOLDS = 3
 DIGITS = 6
@@ -184,21 +184,19 @@ def _draw(
 ) -> Drawn:
     """Draw points of each cause; rare causes count more than their share."""
     code, features = scene.table(odds)
-    rows, weights = [np.empty(0, np.int64)], [np.empty(0)]
+    groups = []
     for cause in np.setdiff1d(code, list(recipe.neither)).tolist():
         every = np.flatnonzero(code == cause)
         most = recipe.good[again] if cause == Cause.GOOD else recipe.bad[again]
-        some = rng.choice(every, min(most, len(every)), replace=False)
         share = len(every) / scene.total
         counts = recipe.good_counts * share
         if cause > 0:
             counts = recipe.bad_counts.get(Cause(cause), 1.0) * np.sqrt(share)
         elif cause < 0:
             counts = max(counts, recipe.rare_counts * np.sqrt(share))
-        rows.append(some)
-        weights.append(np.full(len(some), counts / max(len(some), 1)))
-    row = np.concatenate(rows)
-    return Drawn(features(row), code[row] > 0, np.concatenate(weights))
+        groups.append((every, most, counts))
+    rows, weight = draw_rows(rng, groups)
+    return Drawn(features(rows), code[rows] > 0, weight)
 
 
 def _choose_threshold(

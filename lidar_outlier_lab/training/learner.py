@@ -5,7 +5,7 @@
 And what both kinds of sensor share in training one: features of a pass, and what it judges.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.annotations import Singles
+from lidar_outlier_filter.core.annotations import Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import count_scores, measure
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
@@ -34,6 +34,21 @@ class Drawn(NamedTuple):
     values: Singles
     outlier: NDArray[np.bool_]
     weight: NDArray[np.float64]
+
+
+def draw_rows(
+    rng: np.random.Generator, groups: Iterable[tuple[Ints, int, float]]
+) -> tuple[Ints, Floats]:
+    """Draw rows of groups, each given as indices, how many at most, and how much they count.
+
+    Returns the rows (R,), and weights (R,): all rows of a group together count that much.
+    """
+    rows, weights = [np.empty(0, np.int64)], [np.empty(0)]
+    for index, most, count in groups:
+        some = rng.choice(index, min(most, len(index)), replace=False)
+        rows.append(some)
+        weights.append(np.full(len(some), count / max(len(some), 1)))
+    return np.concatenate(rows), np.concatenate(weights)
 
 
 class Trained(NamedTuple):

@@ -43,6 +43,7 @@ from lidar_outlier_lab.training.held_out import (
 from lidar_outlier_lab.training.learner import (
     Drawn,
     Trained,
+    draw_rows,
     judge_pass,
     learn,
     window_features,
@@ -215,11 +216,17 @@ def _held_out(
     return held[::2], held[1::2], choose_threshold(some)
 
 
-def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
-    """Look at a sweep with its intensities, and without; by turns, either trains."""
+def pattern_of(sweep: Sweep) -> Pattern:
+    """Return the scan pattern of a sweep; refuse one without."""
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
+    return pattern
+
+
+def _observe(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
+    """Look at a sweep with its intensities, and without; by turns, either trains."""
+    pattern = pattern_of(sweep)
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
     prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN_BRIGHTNESS)
     dark = prepared._replace(pattern=pattern._replace(bright=unknown))
@@ -243,18 +250,12 @@ def _draw(seen: _Seen, recipe: Recipe, number: int, odds: Singles | None) -> Dra
     all_good = len(seen.outlier) - all_bad
     kind = seen.sweep.kind
     most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
-    some_bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
-    some_good = rng.choice(good, min(most, len(good)), replace=False)
     counts = recipe.bad_counts.get(kind, 1.0) * min(1.0, all_bad / MIN_OUTLIERS)
-    of_bad = counts * len(bad) / max(all_bad, 1) / max(len(some_bad), 1)
+    of_bad = counts * len(bad) / max(all_bad, 1)
     counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
-    of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
-    rows = np.concatenate([some_bad, some_good])
-    return Drawn(
-        values[:, rows],
-        seen.outlier[rows],
-        np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
-    )
+    of_good = counts * len(good) / max(all_good, 1)
+    rows, weight = draw_rows(rng, ((bad, BAD, of_bad), (good, most, of_good)))
+    return Drawn(values[:, rows], seen.outlier[rows], weight)
 
 
 def lie_between(

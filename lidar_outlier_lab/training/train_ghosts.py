@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Add trees on ghosts alone to the model of spinning sensors.
 
-They judge what both ensembles of :mod:`.train` doubt and keep, and what is behind nearer points.
-Good are all other points, those of weather too. Sensors are left out in folds, each once, for the
-threshold and the figures.
+They judge points behind nearer ones that the ensembles of :mod:`.train` doubt and keep. Good are
+all points that are no outliers, those of weather too. Sensors are left out in folds, each once, for
+the threshold and the figures.
 """
 
 import json
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -26,12 +26,10 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     read_trees,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
-from lidar_outlier_lab.training.learner import Drawn, judge_pass, learn, window_features
-from lidar_outlier_lab.training.train import Sweep
+from lidar_outlier_lab.training.learner import Drawn, draw_rows, judge_pass, learn, window_features
+from lidar_outlier_lab.training.train import Sweep, pattern_of
 
 GHOSTS = 'ghosts'  # the kind of sweeps
 # Mixed pixels of recordings are unlabelled in all of them, and are no ghosts.
@@ -98,9 +96,7 @@ def _can_train(seen: Sequence[_Kept]) -> bool:
 
 
 def _see(sweep: Sweep, model: TreeModel) -> _Kept:
-    pattern = find_pattern(sweep.points, spins=True)
-    if pattern is None:
-        raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
+    pattern = pattern_of(sweep)
     prepared, there = prepare(pattern), pattern.order >= 0
     first = judge_pass(model.first, window_features(prepared, None), None)
     values = window_features(prepared, first)
@@ -118,22 +114,16 @@ def _draw(seen: _Kept) -> Drawn:
     rng = np.random.default_rng(zlib.crc32(seen.sweep.name.encode()))
     bad, points = np.flatnonzero(seen.outlier & (seen.sweep.kind == GHOSTS)), seen.good + seen.bad
     share = min(1.0, MAX_SHARE * points / max(seen.bad, 1))
-    rows, weights = [], []
     good = np.flatnonzero(~seen.outlier)
-    for index, most, count in ((good, GOOD, GOOD_COUNTS), (bad, BAD, share)):
-        some = rng.choice(index, min(most, len(index)), replace=False)
-        rows.append(some)
-        weights.append(np.full(len(some), count * len(index) / max(len(some), 1) / points))
-    row = np.concatenate(rows)
-    return Drawn(seen.values[:, row], seen.outlier[row], np.concatenate(weights))
+    of_good, of_bad = GOOD_COUNTS * len(good) / points, share * len(bad) / points
+    rows, weight = draw_rows(rng, ((good, GOOD, of_good), (bad, BAD, of_bad)))
+    return Drawn(seen.values[:, rows], seen.outlier[rows], weight)
 
 
 def _held_out(seen: Sequence[_Kept]) -> tuple[float, dict[str, float]]:
     """Choose the threshold; return what is found and lost more by it, means of the sensors."""
-    sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
-    before: dict[str, list[float]] = {name: [] for name in sensors}
-    found: dict[str, list[Floats]] = {name: [] for name in sensors}
-    lost = deepcopy(found)
+    before = defaultdict[str, list[float]](list)
+    found, lost = (defaultdict[str, list[Floats]](list) for _ in range(2))
     for fold, others in _folds(seen):
         trees = read_trees(learn([_draw(one) for one in others], USED, ROUNDS), tuple(USED))
         for one in fold:
@@ -144,10 +134,10 @@ def _held_out(seen: Sequence[_Kept]) -> tuple[float, dict[str, float]]:
                 more = (above & one.outlier).sum(axis=1)
                 before[one.sweep.sensor].append(one.found / one.bad)
                 found[one.sweep.sensor].append((one.found + more) / one.bad)
-    mean = [[np.mean(some, axis=0) for some in each.values() if some] for each in (found, lost)]
+    mean = [[np.mean(some, axis=0) for some in each.values()] for each in (found, lost)]
     at = int(np.flatnonzero(np.mean(mean[1], axis=0) <= MOST_LOST)[0])
     figures = {
-        'found_before': np.mean([np.mean(some) for some in before.values() if some]),
+        'found_before': np.mean([np.mean(some) for some in before.values()]),
         'found': np.mean(mean[0], axis=0)[at],
         'lost': np.mean(mean[1], axis=0)[at],
         'worst': np.max(mean[1], axis=0)[at],

@@ -24,7 +24,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
     read_trees,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
-from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
     CLEAN,
@@ -32,8 +31,15 @@ from lidar_outlier_lab.training.held_out import (
     choose_threshold,
     judge_at_all,
 )
-from lidar_outlier_lab.training.learner import Drawn, Trained, judge_pass, learn, window_features
-from lidar_outlier_lab.training.train import Sweep, lie_between
+from lidar_outlier_lab.training.learner import (
+    Drawn,
+    Trained,
+    draw_rows,
+    judge_pass,
+    learn,
+    window_features,
+)
+from lidar_outlier_lab.training.train import Sweep, lie_between, pattern_of
 
 MIXED = 'mixed'  # the kind of sweeps
 USED = [name for name in WINDOW if name not in {'bright', 'rank'}]  # with intensities or without
@@ -106,9 +112,7 @@ def train(
 
 
 def _observe(sweep: Sweep) -> _Judged:
-    pattern = find_pattern(sweep.points, spins=True)
-    if pattern is None:
-        raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
+    pattern = pattern_of(sweep)
     there = pattern.order >= 0
     values, judged = window_features(prepare(pattern), None), may_be_mixed(pattern)[there]
     outlier = sweep.outlier[pattern.order[there]]
@@ -123,11 +127,7 @@ def _draw(seen: _Judged, seed: int, number: int) -> Drawn:
     outlier, unknown = seen.outlier[seen.judged], seen.unknown[seen.judged]
     bad = np.flatnonzero(outlier & (kind == MIXED))
     good = np.flatnonzero(~outlier & ~unknown)
-    bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
-    good = rng.choice(good, min(GOOD[kind], len(good)), replace=False)
-    rows = np.concatenate([bad, good])
-    weights = 1.0 / max(len(bad), 1), GOOD_COUNTS[kind] / max(len(good), 1)
-    weight = np.repeat(weights, [len(bad), len(good)])
+    rows, weight = draw_rows(rng, ((bad, BAD, 1.0), (good, GOOD[kind], GOOD_COUNTS[kind])))
     return Drawn(seen.values[:, rows], outlier[rows], weight)
 
 

@@ -33,7 +33,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.simulation.world.drive import Drive, join, second_echoes, simulate
 from lidar_outlier_lab.training.folds import DIGITS, FOLDS, SceneRecipe
-from lidar_outlier_lab.training.learner import Drawn, judge_pass, learn, window_features
+from lidar_outlier_lab.training.learner import Drawn, draw_rows, judge_pass, learn, window_features
 
 STREETS = 144
 # Good points that are few, or look like outliers, count more than their share.
@@ -194,14 +194,10 @@ def add_mixed(streets: Sequence[Street], text: str, seed: int = 1) -> str:
 
 def _drawn(mixed: Bools, values: Singles, rng: np.random.Generator) -> Drawn:
     """Draw good and mixed points of a street, which count as many as there are."""
-    rows, weights = [], []
-    for every, most in ((~mixed, MIXED_GOOD), (mixed, MIXED_BAD)):
-        index = np.flatnonzero(every)
-        some = rng.choice(index, min(most, len(index)), replace=False)
-        rows.append(some)
-        weights.append(np.full(len(some), len(index) / max(len(some), 1)))
-    row = np.concatenate(rows)
-    return Drawn(values[:, row], mixed[row], np.concatenate(weights))
+    good, bad = np.flatnonzero(~mixed), np.flatnonzero(mixed)
+    groups = ((good, MIXED_GOOD, len(good)), (bad, MIXED_BAD, len(bad)))
+    rows, weight = draw_rows(rng, groups)
+    return Drawn(values[:, rows], mixed[rows], weight)
 
 
 def make_streets(progress: Progress = lambda _done, _total, _what: None) -> list[Street]:

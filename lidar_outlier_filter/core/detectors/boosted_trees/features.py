@@ -149,6 +149,7 @@ REASON_NAMES = {
     for k, name in enumerate(names)
     if name not in LIKELY
 }
+REASON_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 # Of points without a scan pattern; some have names that others have above.
 SURVEY_REASON_NAMES = dict(enumerate({**NEAR, **FAR}, 197))
 

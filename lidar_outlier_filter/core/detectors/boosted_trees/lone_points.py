@@ -81,12 +81,12 @@ def _find(hood: Neighbourhood, around: Floor) -> tuple[Ints, Floats]:
     distance = np.linalg.norm(together[:, 1:] - together[:, :1], axis=2)
     together -= together.mean(axis=1, keepdims=True)
     squares, axes = np.linalg.eigh(np.einsum('ski,skj->sij', together, together))
-    in_row = squares[:, 1] < MAX_THINNESS**2 * squares[:, 2]
-    in_row |= (squares[:, 0] < MAX_FLATNESS**2 * squares[:, 1]) & (abs(axes[:, 2, 0]) > MIN_LEVEL)
+    aligned = squares[:, 1] < MAX_THINNESS**2 * squares[:, 2]
+    aligned |= (squares[:, 0] < MAX_FLATNESS**2 * squares[:, 1]) & (abs(axes[:, 2, 0]) > MIN_LEVEL)
     has_company = np.ones(len(radius), np.bool_)
-    has_company[sparse] = in_row
+    has_company[sparse] = aligned
     # All within reach are among the eight nearest, as the eighth is beyond.
-    is_lone = ~(in_row | (has_company[near] & (distance <= reach[:, None])).any(axis=1))
+    is_lone = ~(aligned | (has_company[near] & (distance <= reach[:, None])).any(axis=1))
     isolation: Floats = radius[sparse[is_lone]] / reach[is_lone]
     return sparse[is_lone], isolation
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools
-from lidar_outlier_filter.core.detectors.boosted_trees.features import REASON_NAMES, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.features import REASON_NUMBERS, WINDOW
 from lidar_outlier_filter.core.detectors.boosted_trees.methods import choose
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     scale,
@@ -36,7 +36,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 # Differences of range from the returns before and after, metres: the lesser and the greater of a
 # point that may be mixed are larger.
 MIN_LESSER, MIN_GREATER = 0.03, 0.12
-(REASON,) = (number for number, name in REASON_NAMES.items() if name == 'between_surfaces')
+REASON = REASON_NUMBERS['between_surfaces']
 
 
 @lru_cache

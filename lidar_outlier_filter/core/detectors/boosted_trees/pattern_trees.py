@@ -22,7 +22,7 @@ from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
     PROFILE,
-    REASON_NAMES,
+    REASON_NUMBERS,
     SECOND_PASS,
     WINDOW,
 )
@@ -49,7 +49,6 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
     spread,
 )
 
-_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 # Trees on mixed pixels judge from these log-odds of the first pass on, and what stands off so far,
 # metres, from the returns beside it, the nearer and the other.
 MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-6.0), 0.02, 0.06
@@ -118,8 +117,7 @@ def judge(
     trees, prepared = load_model(model), prepare_all(FoundPattern(pattern, model), threads)
     first = first_pass(prepared, trees.first, threads)
     odds, values = second_pass(prepared, first, trees, threads)
-    known = odds[pattern.order >= 0]
-    (own,) = find_valleys(known, np.array([trees.threshold]), trees.drop)
+    (own,) = find_valleys(odds[pattern.order >= 0], np.array([trees.threshold]), trees.drop)
     cause = raise_mixed(prepared, first, trees.mixed, odds, threads)
     raise_ghosts(trees, first, values, float(own), odds, cause)
     score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
@@ -170,10 +168,8 @@ def second_pass(
     Returns the features (F, W) of the doubtful, too, if trees on ghosts need them.
     """
     result, doubtful = first.score.copy(), first.score > np.float32(model.doubtful)
-    count = len(WINDOW) + len(PROFILE) * (len(prepared.of_block) > 0) + len(SECOND_PASS)
-    values = np.empty(
-        (count * (len(model.ghosts.value) > 0), np.count_nonzero(doubtful)), np.float32
-    )
+    count = _count_features(prepared, second=True) if len(model.ghosts.value) > 0 else 0
+    values = np.empty((count, np.count_nonzero(doubtful)), np.float32)
     write_odds(prepared, first, doubtful, model.again, threads, result, values)
     return result, values
 
@@ -190,7 +186,7 @@ def raise_mixed(
         between = np.full(len(odds), MIN_LOG_ODDS, np.float32)
         asked = may_be_mixed(prepared.pattern, first.score)
         write_odds(prepared, None, asked, trees, threads, between)
-        cause[between > odds] = _NUMBERS['between_surfaces']
+        cause[between > odds] = REASON_NUMBERS['between_surfaces']
         np.maximum(odds, between, out=odds)
     return cause
 
@@ -212,7 +208,7 @@ def raise_ghosts(
     _kernels.add_trees(model.ghosts, np.take(values, kept, axis=1), mirrored)
     mirrored += np.float32(limit - model.threshold)
     rises = mirrored > odds[places]
-    odds[places[rises]], cause[places[rises]] = mirrored[rises], _NUMBERS['mirrored']
+    odds[places[rises]], cause[places[rises]] = mirrored[rises], REASON_NUMBERS['mirrored']
 
 
 def may_be_mirrored(values: Singles) -> Bools:
@@ -246,12 +242,16 @@ def measure(
 
     Without a point, a place has features of 0.
     """
-    count = len(WINDOW) + len(PROFILE) * (len(prepared.of_block) > 0)
-    count += len(SECOND_PASS) * (first is not None)
+    count = _count_features(prepared, second=first is not None)
     every = np.ones(len(prepared.pattern.order), np.bool_) if asked is None else asked
     values = np.zeros((count, np.count_nonzero(every)), np.float32)
     write_odds(prepared, first, every, NO_TREES, threads, np.empty(len(every), np.float32), values)
     return values
+
+
+def _count_features(prepared: Prepared, *, second: bool) -> int:
+    """Return how many features a pass over a pattern has."""
+    return len(WINDOW) + len(PROFILE) * (len(prepared.of_block) > 0) + len(SECOND_PASS) * second
 
 
 def write_odds(
@@ -296,12 +296,12 @@ def strongest_of_trees(
 
     """
     names = (*WINDOW, *(PROFILE if len(prepared.of_block) > 0 else ()), *SECOND_PASS)
-    numbers = np.array([_NUMBERS.get(name, 0) for name in names], np.uint8)
+    numbers = np.array([REASON_NUMBERS.get(name, 0) for name in names], np.uint8)
     values = measure(prepared, first, selected, threads)
-    found = np.full(values.shape[1], _NUMBERS['first'], np.uint8)
+    found = np.full(values.shape[1], REASON_NUMBERS['first'], np.uint8)
     again = first.score[selected] > np.float32(model.doubtful)
     found[again] = _strongest(model.again, values[:, again], numbers)
-    before = found == _NUMBERS['first']
+    before = found == REASON_NUMBERS['first']
     found[before] = _strongest(model.first, values[:, before], numbers)
     reason = np.zeros(len(selected), np.uint8)
     reason[selected] = found
