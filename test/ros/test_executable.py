@@ -222,6 +222,17 @@ def test_operated_without_ros2() -> None:
         assert node.wait() == 0
 
 
+def test_a_recording_is_played_without_ros2(recordings: Path, tmp_path: Path) -> None:
+    """The example of the pages publishes the bytes of a recording when somebody listens."""
+    recording, env = recordings / 'bags' / 'vlp16_mrpt_mcap', environment()
+    with collector(tmp_path, [TOPIC], env) as collecting:
+        ended(sys.executable, ROOT / 'doc/examples/play.py', recording, '20', env=env)
+        collecting.close()
+        assert collecting.wait() == 0
+    received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
+    assert received == clouds(recording)
+
+
 # What it finishes takes hours: it waits for a thread, or computes, as a kernel does.
 PROGRAM = """
 import threading
