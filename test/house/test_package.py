@@ -84,6 +84,7 @@ SINCE_NUMPY_2 = {
     """,
 }
 ARRAYS_SINCE_NUMPY_2 = {'device', 'mT', 'to_device'}  # whatever they are attributes of
+MADE = shutil.ignore_patterns('.*', '__pycache__', '*.egg-info', 'demo_output', 'build', '*.so')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 
@@ -338,21 +339,16 @@ WAYS = {
 def test_packages_bring_the_compiled_module(way: str, tmp_path: Path) -> None:
     """It is theirs that is imported, and it finds what that of the sources finds."""
     sources, installed = tmp_path / 'sources', tmp_path / 'installed'
-    ignored = shutil.ignore_patterns(
-        '.*', '__pycache__', '*.egg-info', 'demo_output', 'build', '*.so'
-    )
-    shutil.copytree(ROOT, sources, ignore=ignored)
-    build = [sys.executable, *WAYS[way].split()]
-    done = subprocess.run(build, cwd=sources, capture_output=True, text=True, check=False)
+    shutil.copytree(ROOT, sources, ignore=MADE)
+    done = ended(sys.executable, *WAYS[way].split(), folder=sources)
     assert done.returncode == 0, done.stderr
     for wheel in tmp_path.glob('*.whl'):
         shutil.unpack_archive(wheel, installed, 'zip')
     said = []
     for package in (installed, ROOT):
         paths = [str(package), *filter(None, [os.environ.get('PYTHONPATH')])]
-        env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
-        judge = [sys.executable, '-P', '-c', JUDGE]
-        done = subprocess.run(judge, env=env, capture_output=True, text=True, check=False)
+        env = {'PYTHONPATH': os.pathsep.join(paths)}
+        done = ended(sys.executable, '-P', '-c', JUDGE, env=env)
         assert (done.returncode, done.stderr) == (0, '')
         file, found = done.stdout.split('\n', 1)
         assert Path(file).is_relative_to(package)
@@ -368,10 +364,7 @@ class Workspace:
         self.root = root
         self.prefix = root / 'install' / NAME
         self.share = self.prefix / 'share' / NAME
-        ignored = shutil.ignore_patterns(
-            '.*', '__pycache__', '*.egg-info', 'demo_output', 'build', '*.so'
-        )
-        shutil.copytree(ROOT, root / 'src' / NAME, ignore=ignored)
+        shutil.copytree(ROOT, root / 'src' / NAME, ignore=MADE)
         self.environment = {**os.environ, 'COLCON_HOME': str(root / 'colcon')}
         (line,) = re.findall(
             r'^colcon (build [^#\n]*)', (ROOT / 'README.md').read_text(), re.MULTILINE
