@@ -203,23 +203,27 @@ def test_threads_of_a_node_that_is_ready(tmp_path: Path) -> None:
 
 
 def test_operated_without_ros2() -> None:
-    """The example of the pages moves a managed node, sets, disables, and shows the diagnostics."""
+    """The example of the pages operates one of two nodes; status 1 is a refusal."""
     env, program = environment(), ROOT / 'doc/examples/operate.py'
     refused = ended(sys.executable, program, '/outlier_filter_node', 'start', env=env)
     assert refused.stderr.startswith('the arguments must be NODE and one of: diagnostics, set ')
-    with Program('-m', 'lidar_outlier_filter.cli.node', '--lifecycle', env=env) as node:
+    run = ('-m', 'lidar_outlier_filter.cli.node')
+    beside = (*run, '--ros-args', '-r', '__ns:=/another')
+    with Program(*beside, env=env) as another, Program(*run, '--lifecycle', env=env) as node:
+        another.wait_for('is ready')
         node.wait_for('waiting to be configured')
         for words, response in (
+            ('activate', 'success=False'),
             ('configure', 'success=True'),
             ('activate', 'success=True'),
             ('set scores true', 'successful=True'),
+            ('set vote -1', 'successful=False'),
             ('enable false', "message='clouds pass unfiltered'"),
             ('diagnostics', 'disabled: clouds pass unfiltered\n  clouds/s: '),
         ):
-            command = (program, '/outlier_filter_node', *words.split())
-            assert response in ended(sys.executable, *command, env=env).stdout
-        node.signal(signal.SIGTERM)
-        assert node.wait() == 0
+            done = ended(sys.executable, program, '/outlier_filter_node', *words.split(), env=env)
+            assert response in done.stdout
+            assert done.returncode == response.endswith('=False')
 
 
 def test_a_recording_is_played_without_ros2(recordings: Path, tmp_path: Path) -> None:
