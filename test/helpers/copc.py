@@ -33,6 +33,7 @@ def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300), point_form
     header.vlrs.append(laspy.VLR('copc', 1, 'COPC info', bytes(160)))
     header.vlrs.append(laspy.VLR('laszip encoded', LASZIP, '', bytes(laszip.record_data())))
     header.vlrs.append(laspy.VLR('someone', 7, '', b'kept'))
+    header.vlrs.append(laspy.VLR('copc', 10000, 'COPC extents', bytes(224)))
     las = io.BytesIO()
     writer = laspy.LasWriter(las, header, do_compress=False, closefd=False)
     writer.write_points(points)
