@@ -55,7 +55,8 @@ def attempt(task: Task, job: Job, goal: ArchiveRecord, note: Note, inform: Infor
         # Whatever it is, the next one is worked on.
         with refusing(FilterError, f'the {job.what} {task.location.path}', job.done):
             if job.dry:
-                return job.make(task, Path(), goal, note, inform)
+                made = job.make(task, Path(), goal, note, inform)
+                return replace(made, record=timed(made.record))
             if (done := done_before(task, goal)) is not None:
                 return Result(done)
             with workshop(task.folder) as built:

@@ -44,7 +44,7 @@ def judge_with_buffer(
         field = np.append(field, np.full(len(beside), np.nan))
     found = judge(Points(xyz, zeros, zeros, valid, field=field))
     verdict = found.take(slice(len(own)))
-    note = f'judged beside {len(beside)} points of {len(names)} other files'
+    note = f'judged beside other files: {len(names)}, points: {len(beside)}'
     return loaded.noted(note), verdict
 
 

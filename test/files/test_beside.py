@@ -66,7 +66,7 @@ def test_tiles_are_judged_as_the_merged_file(tmp_path: Path) -> None:
     alone = 0
     for path, own in tiles:
         found = judged(path, buffer=3 * SIDE)
-        assert found.loaded.note == f'judged beside {len(xyz) - len(own)} points of 3 other files'
+        assert found.loaded.note == f'judged beside other files: 3, points: {len(xyz) - len(own)}'
         np.testing.assert_allclose(found.verdict.score, merged.score[own], atol=2e-3)
         np.testing.assert_array_equal(found.verdict.rejected, merged.outlier[own])
         alone += int((judged(path).verdict.score != found.verdict.score).sum())
@@ -80,10 +80,10 @@ def test_only_near_points_are_seen(tmp_path: Path) -> None:
     low, high = xyz[own, :2].min(axis=0), xyz[own, :2].max(axis=0)
     beside = np.concatenate([which for _, which in others])
     near = ((xyz[beside, :2] >= low - 3) & (xyz[beside, :2] <= high + 3)).all(axis=1).sum()
-    assert judged(path, buffer=3.0).loaded.note == f'judged beside {near} points of 3 other files'
+    assert judged(path, buffer=3.0).loaded.note == f'judged beside other files: 3, points: {near}'
     write(tmp_path / 'noise.las', xyz[beside] + (0, 0, 1), classes=7)
     note = judged(path, buffer=3.0, ignore=(7,)).loaded.note
-    assert note == f'judged beside {near} points of 3 other files'
+    assert note == f'judged beside other files: 3, points: {near}'
 
 
 def test_only_the_tile_is_written(tmp_path: Path) -> None:
