@@ -38,7 +38,7 @@ ROS arguments follow --ros-args. Some of them:
   --params-file my.yaml                       a file of parameters
   --log-level warn                            minimum severity of log messages
 
-share/lidar_outlier_filter/config/defaults.yaml has all parameters; for a running node:
+share/lidar_outlier_filter/config/defaults.yaml has all parameters; where ROS is installed, also:
   ros2 param list /outlier_filter_node
   ros2 param describe /outlier_filter_node chain
 """

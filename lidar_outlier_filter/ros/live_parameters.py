@@ -76,7 +76,7 @@ class TunableNode(Node):  # type: ignore[misc]
         """
         for item in parameter_list:
             if not self.has_parameter(item.name):
-                must_be = 'a name that `ros2 param list` prints'
+                must_be = 'one of this node, as ~/save_parameters writes them'
                 got = shown(item.name) + did_you_mean([item.name], (one.name for one in describe()))
                 return _refusal(ParameterError('a parameter', must_be, got))
         given = [item for item in _as_declared(parameter_list) if not self._is_as_it_is(item)]

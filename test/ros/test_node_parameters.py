@@ -60,8 +60,8 @@ def limits(descriptor: ParameterDescriptor) -> list[tuple[float, float]]:
         ('chain', ['magic'], "chain must be a list, without repetition, of one of 'alpha_beta"),
         ('alpha_beta_gamma.order', 2, 'at least order + 2 = 4, with sides: either, got 3 and 3'),
         ('block', 0.2, 'block must be 0.1 (read-only), got 0.2'),
-        ('lof.treshold', 2.0, "prints, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
-        ('unheard', 1, "a parameter must be a name that `ros2 param list` prints, got 'unheard"),
+        ('lof.treshold', 2.0, "them, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
+        ('unheard', 1, "one of this node, as ~/save_parameters writes them, got 'unheard"),
     ],
 )
 def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sentence: str) -> None:
