@@ -365,7 +365,7 @@ class Workspace:
         self.prefix = root / 'install' / NAME
         self.share = self.prefix / 'share' / NAME
         shutil.copytree(ROOT, root / 'src' / NAME, ignore=MADE)
-        self.environment = {**os.environ, 'COLCON_HOME': str(root / 'colcon')}
+        self.environment = {'COLCON_HOME': str(root / 'colcon')}
         (line,) = re.findall(
             r'^colcon (build [^#\n]*)', (ROOT / 'README.md').read_text(), re.MULTILINE
         )
@@ -373,15 +373,7 @@ class Workspace:
 
     def run(self, *command: str, check: bool = False) -> subprocess.CompletedProcess[str]:
         """Run a command in the workspace, and leave what it says."""
-        result = subprocess.run(
-            command,
-            cwd=self.root,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300,
-        )
+        result = ended(*command, folder=self.root, env=self.environment)
         assert not check or result.returncode == 0, result.stdout + result.stderr
         return result
 
