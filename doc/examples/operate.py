@@ -5,7 +5,7 @@
 python operate.py NODE diagnostics           # NODE: such as /outlier_filter_node
 python operate.py NODE set chain "['lof']"   # as ros2 param set
 python operate.py NODE enable false          # the services: enable, save_parameters, reset
-python operate.py NODE configure             # a managed node: also activate, deactivate, cleanup
+python operate.py NODE configure             # a managed node: also activate, deactivate, shutdown …
 
 The exit status is 1 where the node refuses.
 """
@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 TIMEOUT = 10.0  # seconds
 KNOWN = (
     'diagnostics, set NAME VALUE, enable true, enable false, save_parameters, reset, '
-    'configure, activate, deactivate, cleanup'
+    'configure, activate, deactivate, cleanup, shutdown'
 )
 
 
@@ -50,8 +50,7 @@ def main(node: str, what: str, *values: str) -> Any:
         return call(Trigger, f'{node}/{what}')
     if what == 'diagnostics':
         return diagnostics(node.removeprefix('/'))
-    transition = Transition(id=getattr(Transition, f'TRANSITION_{what.upper()}'))
-    return call(ChangeState, f'{node}/change_state', transition=transition)
+    return call(ChangeState, f'{node}/change_state', transition=Transition(label=what))
 
 
 def diagnostics(node: str) -> str:

@@ -15,7 +15,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
+from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath, reached
 
 State = tuple[int, str]  # bytes, and what changes with the content
@@ -99,16 +99,13 @@ def find(address: str) -> list[Location]:
 
 def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     """Find the files of a folder that have one of the suffixes; see :func:`find`."""
-    found = [
+    return [
         path
         for path in sorted(folder.rglob('*'))
         if path.suffix.lower() in suffixes
         and path.is_file()
         and not any(part.startswith('.') for part in path.relative_to(folder).parts)
     ]
-    if not found:
-        raise CloudError(f'the folder {folder}', f'one with files of {" ".join(suffixes)}', 'none')
-    return found
 
 
 def location_of(path: RecordingPath) -> Location:

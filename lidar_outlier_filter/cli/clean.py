@@ -30,7 +30,7 @@ from lidar_outlier_filter.cli.terminal import (
     stoppable_bar,
 )
 from lidar_outlier_filter.disk.new_files import check_new, new_output
-from lidar_outlier_filter.errors import ParameterError, refusing
+from lidar_outlier_filter.errors import CloudError, ParameterError, refusing
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import SUFFIXES, UNREAD_SUFFIXES, check_file, split_name
 from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions, JudgedFile
@@ -208,12 +208,15 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
         if not path.is_dir() or folder is None:
             tasks.append(_task(path, options, folder, path.name))
             continue
-        root = path.resolve()
+        root, before = path.resolve(), len(tasks)
         for file in find_files(root, (*SUFFIXES, *UNREAD_SUFFIXES)):
             if is_prose(file):
                 say(f'{file} is skipped: it is text without columns of numbers')
             else:
                 tasks.append(_task(file, options, folder, str(file.relative_to(root))))
+        if len(tasks) == before:
+            must_be = f'one with clouds: {" ".join(SUFFIXES)}'
+            raise CloudError(f'the folder {path}', must_be, 'none')
     return tasks
 
 
