@@ -32,7 +32,7 @@ from lidar_outlier_lab.simulation.world.prisms import (
 from lidar_outlier_lab.simulation.world.recording import to_message
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.scenes import RETURNS, put_weather, recorded_sweeps
-from lidar_outlier_lab.training.train import BAD_COUNTS, Recipe, Sweep
+from lidar_outlier_lab.training.train import BAD_COUNTS, GOOD_COUNTS, Recipe, Sweep
 
 WEATHER = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust', 'exhaust')
 SCANNERS, STREETS = 36, 3  # drawn, and streets that each scans
@@ -43,9 +43,10 @@ THINNED = (4e3, 5e4)  # points of a recording's cloud that are kept
 CLEAN_OF_EACH = 3  # times that a clean one is thinned out
 # Points of a clean cloud that end on the way, and how far along it: a twig is not all there is.
 STRAYS, STRAY_SHARE, ON_THE_WAY = 'strays', (0.002, 0.1), (0.1, 0.9)
-# Streets alone have mixed points and ghosts, and few of them. Dense snow around a sparse scanner
-# passes for foliage, until its hill is seen.
-RECIPE = Recipe(folds=4, drop=3.0, bad_counts={**BAD_COUNTS, STREET: 3.0})
+# Streets alone have mixed points and ghosts, and few of them. Plumes and dense snow are hard to
+# see, strays easy.
+BAD = {STREET: 3.0, 'heavy_snow': 1.5, 'spray': 2.0, 'dust': 1.5, STRAYS: 0.8}
+RECIPE = Recipe(folds=4, bad_counts={**BAD_COUNTS, **BAD}, good_counts={**GOOD_COUNTS, CLEAN: 8.0})
 
 
 def draw(number: int) -> FreeScanner:

@@ -93,7 +93,8 @@ class Recipe(NamedTuple):
     folds : parts of the sensors, each of which is left out once
     unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
     drop : log-odds by which a block's valley may lower the threshold
-    bad_counts : how much outliers of a sweep count, by its kind; 1 where it has no row
+    bad_counts, good_counts : how much outliers, and good points, of a sweep count, by its kind;
+        1 where it has no row
 
     """
 
@@ -103,6 +104,7 @@ class Recipe(NamedTuple):
     unseen: Collection[str] = ()
     drop: float = 2.0
     bad_counts: Mapping[str, float] = BAD_COUNTS
+    good_counts: Mapping[str, float] = GOOD_COUNTS
 
 
 class _Seen(NamedTuple):
@@ -252,7 +254,7 @@ def _draw(seen: _Seen, recipe: Recipe, number: int, odds: Singles | None) -> Dra
     most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
     counts = recipe.bad_counts.get(kind, 1.0) * min(1.0, all_bad / MIN_OUTLIERS)
     of_bad = counts * len(bad) / max(all_bad, 1)
-    counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
+    counts = GOOD_COUNT[again] * recipe.good_counts.get(kind, 1.0)
     of_good = counts * len(good) / max(all_good, 1)
     rows, weight = draw_rows(rng, ((bad, BAD, of_bad), (good, most, of_good)))
     return Drawn(values[:, rows], seen.outlier[rows], weight)
