@@ -94,32 +94,15 @@ def judge_pass(
 
 
 def learn(
-    drawn: Sequence[Drawn],
-    names: Sequence[str],
-    rounds: int,
+    drawn: Sequence[Drawn], names: Sequence[str], rounds: int, rate: float = RATE
 ) -> dict[str, Any]:
-    """Learn an ensemble of so many trees from all drawn points, and write it; see :func:`fit`."""
-    learner = fit(
-        np.concatenate([one.values for one in drawn], axis=1),
-        np.concatenate([one.outlier for one in drawn]),
-        np.concatenate([one.weight for one in drawn]),
-        rounds,
-    )
-    return export(learner, names)
-
-
-def fit(
-    values: Singles,
-    outlier: NDArray[np.bool_],
-    weight: NDArray[np.float64],
-    rounds: int,
-) -> Learner:
-    """Learn so many trees from points with these features (F, N)."""
+    """Learn an ensemble of so many trees from all drawn points, and write it."""
+    weight = np.concatenate([one.weight for one in drawn])
     learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
         max_iter=rounds,
         max_leaf_nodes=2**DEPTH,
         max_depth=DEPTH,
-        learning_rate=RATE,
+        learning_rate=rate,
         max_bins=EDGES,
         early_stopping=False,
         min_samples_leaf=MIN_LEAF_POINTS,
@@ -128,8 +111,12 @@ def fit(
     )
     # On a busy machine its threads wait for each other much longer than one works alone.
     with import_module('threadpoolctl').threadpool_limits(1):
-        learner.fit(values.T, outlier, sample_weight=weight / weight.mean())
-    return learner
+        learner.fit(
+            np.concatenate([one.values for one in drawn], axis=1).T,
+            np.concatenate([one.outlier for one in drawn]),
+            sample_weight=weight / weight.mean(),
+        )
+    return export(learner, names)
 
 
 def export(learner: Learner, names: Sequence[str]) -> dict[str, Any]:
