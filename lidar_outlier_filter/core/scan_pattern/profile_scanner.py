@@ -249,18 +249,27 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
     period = median_of(pairs) / 2.0
     if not period > 0.0:
         return None
-    turns = _turns(lines, period)
+    turns, some = _turns(lines, period), lines.indices(EVENLY)
     since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
-    swung = (since - (since.min() + since.max()) / 2.0) * (np.pi / period)
-    waves = np.sin(swung), swung * (2.0 / np.pi)
-    some = lines.indices(EVENLY)[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
-    xyz = lines.xyz[lines.order[some]]
-    found = [find_swing(xyz, wave[some]) for wave in waves]
-    swing, off = min(found, key=lambda one: one[1] / one[0])
-    step = _usual_step(lines) * (2.0 * swing / period)
-    if off > MAX_OFF_SWING_STEPS * step:
-        return None
-    angle = np.rint(swing * waves[found.index((swing, off))] * ANGLE_PARTS) / ANGLE_PARTS
+    longest = some[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
+    shown = lines.rank[lines.sizes[lines.rank] >= MIN_RETURNS]
+    # Where one end has more returns than the other, the middle is not amid them: then the mirror
+    # is ahead of its angle one way, and behind it on the way back.
+    middle = (since.min() + since.max()) / 2.0
+    for centred in (False, True):
+        swung = (since - middle) * (np.pi / period)
+        waves = np.sin(swung), swung * (2.0 / np.pi)
+        found = [find_swing(lines.xyz[lines.order[longest]], wave[longest]) for wave in waves]
+        swing, off = min(found, key=lambda one: one[1] / one[0])
+        if off > MAX_OFF_SWING_STEPS * (step := _usual_step(lines) * (2.0 * swing / period)):
+            return None
+        angle = swing * waves[found.index((swing, off))]
+        if not centred:
+            fit = fit_lines(lines.xyz[lines.order[some[shown]]], angle[some[shown]])
+            known = np.isfinite(fit.off)
+            speed = swing * (np.pi, 2.0)[found.index((swing, off))] / period
+            middle += _drift(fit.beam[known], turns[shown[known]], 1) / (2.0 * speed)
+    angle = np.rint(angle * ANGLE_PARTS) / ANGLE_PARTS
     return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
 
 
