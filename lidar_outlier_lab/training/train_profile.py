@@ -56,8 +56,9 @@ RECIPE = SceneRecipe(
     bad_counts={Cause.BARRIER: 2.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
     neither={Cause.MIXED},
 )
-MIXED_ROUNDS, MIXED_GOOD, MIXED_BAD = 100, 8000, 2000  # trees; points of a street that are drawn
-MIXED_LIMITS = np.arange(-20, 61) / 10.0
+MIXED_ROUNDS, MIXED_RATE = 150, 0.3  # trees, and how much each corrects
+MIXED_GOOD, MIXED_BAD = 24_000, 6000  # points of a street that are drawn
+MIXED_LIMITS = np.arange(-20, 121) / 10.0
 MIXED_LOST = 5e-5  # of a street's good points, the mean of streets that were left out
 
 
@@ -175,7 +176,7 @@ def add_mixed(streets: Sequence[Street], text: str, seed: int = 1) -> str:
     found, lost = [], []
     for k in range(FOLDS):
         some = [one for n, one in enumerate(drawn) if n % FOLDS != k]
-        trees = read_trees(learn(some, NAMES, MIXED_ROUNDS), NAMES)
+        trees = read_trees(learn(some, NAMES, MIXED_ROUNDS, MIXED_RATE), NAMES)
         for n in range(k, len(streets), FOLDS):
             mixed, values = tables[n]
             above = judge_pass(trees, values, None) > MIXED_LIMITS[:, None]
@@ -185,7 +186,7 @@ def add_mixed(streets: Sequence[Street], text: str, seed: int = 1) -> str:
     at = int(np.flatnonzero(mean <= MIXED_LOST)[0])
     total = sum(np.count_nonzero(street.cause == Cause.MIXED) for street in streets)
     recall = float(np.sum(found, axis=0)[at] / total)
-    data['mixed'] = learn(drawn, NAMES, MIXED_ROUNDS)
+    data['mixed'] = learn(drawn, NAMES, MIXED_ROUNDS, MIXED_RATE)
     data['mixed']['start'] += data['threshold'] - float(MIXED_LIMITS[at])
     figures = {'found': recall, 'lost': float(mean[at]), 'worst': float(np.max(lost, axis=0)[at])}
     data['held_out']['mixed'] = {name: round(value, DIGITS) for name, value in figures.items()}

@@ -51,7 +51,7 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 
 # Trees on mixed pixels judge from these log-odds of the first pass on, and what stands off so far,
 # metres, from the returns beside it, the nearer and the other.
-MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-6.0), 0.02, 0.06
+MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-7.0), 0.02, 0.06
 # A ghost is behind what mirrors it: shares of the beams beside it that are nearer, at least.
 MIN_BEFORE = 0.5
 _BEFORE = [[*WINDOW].index(name) for name in ('before_own', 'before_other')]
