@@ -171,9 +171,7 @@ OF_RECORDINGS = (
     REJECTED,
     UNTESTED,
     Column(
-        '× real time',
-        lambda row: share(row.record.duration, row.record.seconds),
-        '{:.1f}'.format,
+        '× real time', lambda row: share(row.record.duration, row.record.seconds), '{:.1f}'.format
     ),
 )
 OF_FILES = (POINTS, REJECTED, UNTESTED)

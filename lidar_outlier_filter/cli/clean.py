@@ -215,8 +215,7 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
             else:
                 tasks.append(_task(file, options, folder, str(file.relative_to(root))))
         if len(tasks) == before:
-            must_be = f'one with clouds: {" ".join(SUFFIXES)}'
-            raise CloudError(f'the folder {path}', must_be, 'none')
+            raise CloudError(f'the folder {path}', f'one with {" ".join(SUFFIXES)}', 'none')
     return tasks
 
 

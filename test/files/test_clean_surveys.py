@@ -212,7 +212,7 @@ def test_notes_beside_clouds(cloud: Path, tmp_path: Path, capsys: Capture) -> No
     assert (tmp_path / 'out' / 'a_cleaned.las').is_file()
     (folder / cloud.name).unlink()
     assert main(['clean', str(folder), '--output', str(tmp_path / 'none')]) == 1
-    assert 'survey must be one with clouds: .las' in capsys.readouterr().err.replace('\n', ' ')
+    assert 'survey must be one with .las .laz' in capsys.readouterr().err.replace('\n', ' ')
 
 
 def test_strips_are_judged_alone(tmp_path: Path) -> None:

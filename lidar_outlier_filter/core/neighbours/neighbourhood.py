@@ -280,8 +280,7 @@ class Neighbourhood:
         new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
         row = np.empty(len(result), np.int32)
         self._in_threads(
-            lambda i, j: _kernels.carry_over(*old, new_index, i, j, *nearest, row),
-            self._count,
+            lambda i, j: _kernels.carry_over(*old, new_index, i, j, *nearest, row), self._count
         )
         result._search(nearest, row)
         return nearest

@@ -43,9 +43,7 @@ MAX_OFF_SWING_STEPS, MAX_OFF_STEPS = 0.5, 1.0
 GEOMETRIC_FROM_STEPS, MAX_GEOMETRIC_RAD = 0.15, 0.2
 MAX_OFF_PLANE_RAD = 0.02  # rad that a typical return of a typical line may be off its plane
 MAX_SIGMA_M = 0.2  # m: standard deviation of the scanner's position
-POSITION_PARTS = (
-    1024.0  # parts of a metre, and of m/s, that positions and velocities are rounded to
-)
+POSITION_PARTS = 1024.0  # of a metre, and of m/s, that positions and velocities are rounded to
 PERIOD_PARTS = 16.0  # parts of a nanosecond that the period is rounded to
 EVENLY = np.arange(SAMPLE_RETURNS) / SAMPLE_RETURNS  # of a line
 UNEVENLY = (np.arange(SAMPLE_RETURNS) + np.arange(SAMPLE_RETURNS) * 0.618 % 1.0) / SAMPLE_RETURNS
@@ -245,30 +243,28 @@ def still(lines: TimedLines, some: Any, since: Floats, velocity: Floats) -> Floa
 def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa: ARG001
     """Return the angles of a mirror that swings once in a line, as if always the same way."""
     # Where one end has no returns, every second line begins late.
-    pairs = lines.begins[2:] - lines.begins[:-2]
-    period = median_of(pairs) / 2.0
+    period = median_of(lines.begins[2:] - lines.begins[:-2]) / 2.0
     if not period > 0.0:
         return None
     turns, some = _turns(lines, period), lines.indices(EVENLY)
     since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
     longest = some[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
     shown = lines.rank[lines.sizes[lines.rank] >= MIN_RETURNS]
-    # Where one end has more returns than the other, the middle is not amid them: then the mirror
-    # is ahead of its angle one way, and behind it on the way back.
     middle = (since.min() + since.max()) / 2.0
     for centred in (False, True):
         swung = (since - middle) * (np.pi / period)
         waves = np.sin(swung), swung * (2.0 / np.pi)
         found = [find_swing(lines.xyz[lines.order[longest]], wave[longest]) for wave in waves]
-        swing, off = min(found, key=lambda one: one[1] / one[0])
+        k = int(np.argmin([off / swing for swing, off in found]))
+        swing, off = found[k]
         if off > MAX_OFF_SWING_STEPS * (step := _usual_step(lines) * (2.0 * swing / period)):
             return None
-        angle = swing * waves[found.index((swing, off))]
-        if not centred:
+        angle = swing * waves[k]
+        if not centred:  # the mirror is ahead of its angle one way, and behind it on the way back
             fit = fit_lines(lines.xyz[lines.order[some[shown]]], angle[some[shown]])
             known = np.isfinite(fit.off)
-            speed = swing * (np.pi, 2.0)[found.index((swing, off))] / period
-            middle += _drift(fit.beam[known], turns[shown[known]], 1) / (2.0 * speed)
+            ahead = _drift(fit.beam[known], turns[shown[known]], 1) / 2.0
+            middle += ahead * period / (swing * (np.pi, 2.0)[k])
     angle = np.rint(angle * ANGLE_PARTS) / ANGLE_PARTS
     return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
 

@@ -71,9 +71,7 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
 
 MIN_RINGS, MAX_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
-MAX_TURN_POINTS = (
-    2_000_000  # of a turn: two returns of 128 rings, a shot each 0.1°, are half of that
-)
+MAX_TURN_POINTS = 2_000_000  # two returns of 128 rings, a shot each 0.1°, are half of that
 MIN_SPAN_RAD = 0.05  # rad from the lowest ring to the highest: a cloud far from its origin has less
 COLUMN_RAD = TURN / 72_000  # rad: a column of the histogram of elevations
 WIDTHS = (1, 2, 4, 8, 16, 32)  # columns over which the histogram is smoothed
