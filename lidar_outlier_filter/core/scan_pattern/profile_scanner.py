@@ -255,16 +255,17 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
         swung = (since - middle) * (np.pi / period)
         waves = np.sin(swung), swung * (2.0 / np.pi)
         found = [find_swing(lines.xyz[lines.order[longest]], wave[longest]) for wave in waves]
-        k = int(np.argmin([off / swing for swing, off in found]))
-        swing, off = found[k]
+        swing, off = found[k := int(np.argmin([off / swing for swing, off in found]))]
         if off > MAX_OFF_SWING_STEPS * (step := _usual_step(lines) * (2.0 * swing / period)):
             return None
         angle = swing * waves[k]
-        if not centred:  # the mirror is ahead of its angle one way, and behind it on the way back
-            fit = fit_lines(lines.xyz[lines.order[some[shown]]], angle[some[shown]])
-            known = np.isfinite(fit.off)
-            ahead = _drift(fit.beam[known], turns[shown[known]], 1) / 2.0
-            middle += ahead * period / (swing * (np.pi, 2.0)[k])
+        fit = fit_lines(lines.xyz[lines.order[some[shown]]], angle[some[shown]])
+        known = np.isfinite(fit.off)
+        # Ahead of its angle one way, the mirror is behind it on the way back.
+        ahead = _drift(fit.beam[known], turns[shown[known]], 1) / 2.0
+        if centred or abs(ahead) <= step:  # few lines may show less where there is nothing
+            break
+        middle += ahead * period / (swing * (np.pi, 2.0)[k])
     angle = np.rint(angle * ANGLE_PARTS) / ANGLE_PARTS
     return _Mirror(angle, since, step, turns, np.zeros((len(turns), 3)), swings=True)
 
