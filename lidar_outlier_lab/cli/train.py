@@ -181,7 +181,7 @@ def _train_scenes(options: argparse.Namespace, progress: Progress) -> _Trained:
         recipe, scenes = train_survey.RECIPE, train_survey.make_scenes(progress)
     what, count = recipe.what, len(scenes)
     about = {
-        'about': f'Two ensembles of trees, trained on {what}s by lidar-outlier-filter train',
+        'about': f'Ensembles of trees, trained on {what}s by lidar-outlier-filter train',
         'package': __version__,
         'trained_on': {f'{what}s': count, f'{what}_seeds': [0, count - 1]},
     }
