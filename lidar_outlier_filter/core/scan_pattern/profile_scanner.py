@@ -187,8 +187,7 @@ def _turning_mirror(lines: TimedLines, threads: int) -> _Mirror | None:
         fit = fit_all(
             still(lines, some, since, velocity[:, None]), since * (TURN / period), threads
         )
-        shown = (lines.sizes >= MIN_RETURNS) & np.isfinite(fit.off)
-        known = lines.rank[shown[lines.rank]]
+        known = _shown(lines, fit)
         period *= 1.0 - _drift(fit.beam[known], turns[known], lag) / TURN
         period = float(np.rint(period * PERIOD_PARTS) / PERIOD_PARTS)
         velocity = velocities(fit.position[known], turns[known], turns, period)
@@ -240,7 +239,13 @@ def still(lines: TimedLines, some: Any, since: Floats, velocity: Floats) -> Floa
     return moved
 
 
-def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa: ARG001
+def _shown(lines: TimedLines, fit: Fit) -> Ints:
+    """Return the lines that show the scanner's position, in order of time."""
+    shown = (lines.sizes >= MIN_RETURNS) & np.isfinite(fit.off)
+    return lines.rank[shown[lines.rank]]
+
+
+def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:
     """Return the angles of a mirror that swings once in a line, as if always the same way."""
     # Where one end has no returns, every second line begins late.
     period = median_of(lines.begins[2:] - lines.begins[:-2]) / 2.0
@@ -248,22 +253,23 @@ def _swinging_mirror(lines: TimedLines, threads: int) -> _Mirror | None:  # noqa
         return None
     turns, some = _turns(lines, period), lines.indices(EVENLY)
     since = _since(lines, slice(None), np.repeat(turns, lines.sizes), period)
-    longest = some[np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]]
-    shown = lines.rank[lines.sizes[lines.rank] >= MIN_RETURNS]
-    middle = (since.min() + since.max()) / 2.0
+    xyz = lines.xyz[lines.order[some]]
+    longest = np.argsort(-lines.sizes, kind='stable')[:SWING_LINES]
+    middle, usual = (since.min() + since.max()) / 2.0, _usual_step(lines)
     for centred in (False, True):
         swung = (since - middle) * (np.pi / period)
         waves = np.sin(swung), swung * (2.0 / np.pi)
-        found = [find_swing(lines.xyz[lines.order[longest]], wave[longest]) for wave in waves]
+        found = [find_swing(xyz[longest], wave[some[longest]]) for wave in waves]
         swing, off = found[k := int(np.argmin([off / swing for swing, off in found]))]
-        if off > MAX_OFF_SWING_STEPS * (step := _usual_step(lines) * (2.0 * swing / period)):
+        if off > MAX_OFF_SWING_STEPS * (step := usual * (2.0 * swing / period)):
             return None
         angle = swing * waves[k]
-        fit = fit_lines(lines.xyz[lines.order[some[shown]]], angle[some[shown]])
-        known = np.isfinite(fit.off)
+        if centred:
+            break
+        fit = fit_all(xyz, angle[some], threads)
         # Ahead of its angle one way, the mirror is behind it on the way back.
-        ahead = _drift(fit.beam[known], turns[shown[known]], 1) / 2.0
-        if centred or abs(ahead) <= step:  # few lines may show less where there is nothing
+        ahead = _drift(fit.beam[known := _shown(lines, fit)], turns[known], 1) / 2.0
+        if abs(ahead) <= step:  # few lines may show less where there is nothing
             break
         middle += ahead * period / (swing * (np.pi, 2.0)[k])
     angle = np.rint(angle * ANGLE_PARTS) / ANGLE_PARTS
