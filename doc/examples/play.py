@@ -40,6 +40,8 @@ def play(reader: AnyReader, speed: float) -> int:
     """Publish all messages at the pace of their times; return how many."""
     by_topic = {one.topic: publisher(one) for one in reader.connections}
     publishers = {topic: one for topic, one in by_topic.items() if one is not None}
+    if not publishers:
+        sys.exit('a recording must have topics to publish, got none')
     while not any(one.get_subscription_count() for one in publishers.values()):
         time.sleep(POLL)
     count, begin = 0, time.monotonic()

@@ -224,6 +224,8 @@ def test_operated_without_ros2() -> None:
             done = ended(sys.executable, program, '/outlier_filter_node', *words.split(), env=env)
             assert response in done.stdout
             assert done.returncode == response.endswith('=False')
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
 
 
 def test_a_recording_is_played_without_ros2(recordings: Path, tmp_path: Path) -> None:
