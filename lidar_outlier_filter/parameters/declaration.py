@@ -98,17 +98,15 @@ class Parameter:
         values = tuple(value)
         for item in values:
             self._check_text(item)
-        right = [isinstance(item, str) and self._is_choice(item) for item in values]
-        if not all(right) or not values or len(set(values)) < len(values):
+        known = self.choices or [item for item in values if isinstance(item, str) and item]
+        right = all(item in known for item in values)
+        if not right or not values or len(set(values)) < len(values):
             must_be = 'a list, without repetition, of '
             must_be += self.range_text if self.choices else 'texts'
             unknown = [item for item in values if item not in self.choices]
             got = shown(list(values)) + did_you_mean(unknown, self.choices)
             raise ParameterError(self.name, must_be, got)
         return values
-
-    def _is_choice(self, text: str) -> bool:
-        return text in self.choices if self.choices else bool(text)
 
 
 def shown(value: object) -> str:
@@ -118,9 +116,10 @@ def shown(value: object) -> str:
 
 def did_you_mean(unknown: Iterable[object], known: Iterable[str]) -> str:
     """Name what was probably meant by the unknown texts, in brackets; empty if nothing is near."""
-    names = list(known)
-    near = [get_close_matches(text, names, 1) for text in unknown if isinstance(text, str)]
-    meant = [match[0] for match in near if match]
+    names, meant = list(known), list[str]()
+    for text in (one for one in unknown if isinstance(one, str)):
+        ends = [name for name in names if name.endswith(f'.{text}')]
+        meant += ends or get_close_matches(text, names, 1)
     return f' (did you mean {", ".join(map(repr, meant))}?)' if meant else ''
 
 

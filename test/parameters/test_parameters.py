@@ -99,7 +99,7 @@ SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'chain': []}, 'chain must be a list, without repetition, of one of '),
     ({'chain': ['alpha_beta_gamma'] * 2}, "got ['alpha_beta_gamma', 'alpha_beta_gamma']"),
     ({'chain': [['alpha_beta_gamma']]}, "got [['alpha_beta_gamma']]"),
-    ({'gap': 2.0}, 'a parameter must be one of alpha_beta_gamma.after, '),
+    ({'sensor': 'free'}, "a known one, got 'sensor' (did you mean 'boosted_trees.sensor'?)"),
     (
         {'lof.treshold': 2.0},
         "a parameter must be a known one, got 'lof.treshold' (did you mean 'lof.threshold'?)",
