@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
 SURVEY_OUTPUT, FREE_OUTPUT = Path('survey_model.json'), Path('free_model.json')
-MIXED_OUTPUT = Path('mixed_model.json')
+MIXED_OUTPUT, SWEEP_OUTPUT = Path('mixed_model.json'), Path('sweep_model.json')
 
 
 def add_train(commands: Commands) -> None:
@@ -47,7 +47,8 @@ def add_train(commands: Commands) -> None:
         'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once, and the figures printed are for the sensor left out. With --profile, train the '
         'trees for profile scanners, on simulated streets alone. With --survey, train those for '
-        'clouds without scan lines; with --free, on recordings without their rings and simulated '
+        'clouds without scan lines; with --sweep, those for sweeps in the frame of a vehicle, '
+        'whose rings do not show; with --free, on recordings without their rings and simulated '
         'scanners, those for scanners without rings; with --mixed, those of `mixed_pixels`. It '
         'takes about a quarter of an hour of processor time; with --profile, --survey or --mixed a '
         'few minutes. Needs the extra "lab".',
@@ -66,6 +67,9 @@ def add_train(commands: Commands) -> None:
         '--free',
         action='store_true',
         help='for scanners without rings: on simulated ones, and recordings without their rings',
+    )
+    parser.add_argument(
+        '--sweep', action='store_true', help='for sweeps without rings, in the frame of a vehicle'
     )
     parser.add_argument(
         '--mixed', action='store_true', help='for `mixed_pixels`: points between two surfaces alone'
@@ -90,7 +94,8 @@ def add_train(commands: Commands) -> None:
         type=Path,
         metavar='FILE',
         help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile, {SURVEY_OUTPUT} with '
-        f'--survey, {FREE_OUTPUT} with --free, {MIXED_OUTPUT} with --mixed',
+        f'--survey, {SWEEP_OUTPUT} with --sweep, {FREE_OUTPUT} with --free, {MIXED_OUTPUT} with '
+        '--mixed',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='random seed, from 0; default: 1'
@@ -105,12 +110,13 @@ def _run(options: argparse.Namespace) -> int:
     kinds = {
         'profile': (PROFILE_OUTPUT, _train_scenes),
         'survey': (SURVEY_OUTPUT, _train_scenes),
+        'sweep': (SWEEP_OUTPUT, _train_sweeps),
         'free': (FREE_OUTPUT, _train_free),
         'mixed': (MIXED_OUTPUT, _train_spinning),
     }
     chosen = [kind for name, kind in kinds.items() if getattr(options, name)]
     if len(chosen) > 1:
-        raise FilterError('--profile, --survey, --free and --mixed', 'one of them', 'more')
+        raise FilterError(', '.join(f'--{name}' for name in kinds), 'one of them', 'more')
     default, train = (*chosen, (OUTPUT, _train_spinning))[0]
     output = options.output or default
     if options.seed < 0:
@@ -145,6 +151,23 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
     result = train(sweeps, about, Recipe(options.seed), progress)
     text = train_ghosts.add_ghosts(sweeps, result.text, progress)
     return text, result.threshold, _tables(result.held_out)
+
+
+def _train_sweeps(options: argparse.Namespace, progress: Progress) -> _Trained:
+    """Train on recordings with weather, without their rings."""
+    from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+    from lidar_outlier_lab.training import scenes, train_sweeps
+    from lidar_outlier_lab.training.folds import train_in_folds
+
+    progress(0, 1, 'reading')
+    recordings, scanners = _recordings(options), _scanners(options)
+    every = scenes.make_sweeps(recordings, scanners, options.seed, progress)
+    sweeps = train_sweeps.choose(every)
+    recipe, seen = train_sweeps.recipe_for(sweeps), [*map(train_sweeps.scene_of, sweeps)]
+    about = _about([name for name, _ in recordings], [*scanners], [*WEATHERS], scenes.TRAINED)
+    about['about'] = 'Two ensembles of trees for sweeps without rings, by train --sweep'
+    result = train_in_folds(seen, recipe, about, options.seed, progress)
+    return result.text, result.threshold, [_scenes_table(result.held_out, recipe.what)]
 
 
 def _train_free(options: argparse.Namespace, progress: Progress) -> _Trained:

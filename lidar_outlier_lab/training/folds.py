@@ -18,7 +18,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Ints, Progress, Singles
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, Trees, read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    VERSION,
+    Trees,
+    find_valleys,
+    read_trees,
+)
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.truth import Cause
 from lidar_outlier_lab.training.learner import Drawn, Trained, draw_rows, learn
@@ -83,6 +88,7 @@ class SceneRecipe(NamedTuple):
     most_lost : share of the good points that may be lost, of the median kind of scene
     doubtful : first log-odds above which the second ensemble judges a point
     fold : the fold of a scene by its number
+    drop : log-odds by which a scene's valley may lower the threshold
 
     """
 
@@ -99,6 +105,7 @@ class SceneRecipe(NamedTuple):
     rare_counts: float = 0.0
     neither: Collection[Cause] = ()
     fold: Callable[[int], int] = lambda number: number % FOLDS
+    drop: float = 0.0
 
 
 def train_in_folds(
@@ -129,7 +136,8 @@ def train_in_folds(
     found = [scene.own(one) for scene, one in zip(scenes, results, strict=True)]
     threshold = _choose_threshold(scenes, found, recipe)
     doubtful = [scene.own(one) > recipe.doubtful for scene, one in zip(scenes, odds, strict=True)]
-    rejected = [one > threshold for one in found]
+    at = np.array([threshold])
+    rejected = [one > find_valleys(one, at, recipe.drop) for one in found]
     held_out = _figures(scenes, rejected, np.concatenate(doubtful), recipe)
     data = {
         'version': VERSION,
@@ -140,6 +148,7 @@ def train_in_folds(
         'held_out': held_out,
         'doubtful': recipe.doubtful,
         'threshold': threshold,
+        **({'drop': recipe.drop} if recipe.drop else {}),
         'first': first,
         'again': again,
     }

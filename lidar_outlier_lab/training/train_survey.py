@@ -9,7 +9,11 @@ import numpy as np
 
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Ints, Progress, Singles
-from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
+    MAX_NEIGHBOURS,
+    Far,
+    Near,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
     far_values,
     first_odds,
@@ -54,6 +58,7 @@ class SceneSeen:
     hood: Neighbourhood
     around: Floor
     cause: Ints
+    is_sweep: bool = False
 
     @property
     def kind(self) -> str:
@@ -67,11 +72,14 @@ class SceneSeen:
 
     def _values(self, which: Ints, odds: Singles | None) -> Singles:
         """Return the features (F, M) of some points in a pass."""
-        near = neighbours(self.hood, self.around)
+        near = self._near()
         if odds is None:
             return near_values(near, which)
         index = self.hood.nearest_of(which, min(MAX_NEIGHBOURS, len(self.hood) - 1))
         return far_values(Far(near, odds, index), which)
+
+    def _near(self) -> Near:
+        return neighbours(self.hood, self.around, sweep=self.is_sweep)
 
     def table(self, odds: Singles | None) -> tuple[Ints, Callable[[Ints], Singles]]:
         """Return the causes and features of the points that may train a pass."""
@@ -82,7 +90,7 @@ class SceneSeen:
     def judge(self, trees: Trees, odds: Singles | None) -> Singles:
         """Return the log-odds of each point; the second pass judges only doubtful points anew."""
         if odds is None:
-            return first_odds(neighbours(self.hood, self.around), trees)
+            return first_odds(self._near(), trees)
         which, result = np.flatnonzero(odds > RECIPE.doubtful), odds.copy()
         total = np.empty(len(which), np.float32)
         _kernels.add_trees(trees, self._values(which, odds), total)

@@ -25,8 +25,8 @@ def first_of_each(xyz: list[Position]) -> list[int]:
     return [xyz.index(place) for place in xyz]
 
 
-def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
-    """Return the 23 features of each point that the first trees see."""
+def near_features(xyz: list[Position], typical: float, *, is_sweep: bool) -> list[list[float]]:
+    """Return the 25 features of each point that the first trees see."""
     near = lists(xyz, K)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
     return [
@@ -35,6 +35,8 @@ def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
             min(radius[p] / typical, FAR),
             component_size(near, p),
             *deep,
+            math.hypot(*xyz[p]) * is_sweep,
+            radius[p] / max(math.hypot(*xyz[p]), 0.1) * is_sweep,
         ]
         for p, deep in enumerate(depths(xyz, typical))
     ]

@@ -36,6 +36,7 @@ from lidar_outlier_lab.training import (
     train_ghosts,
     train_mixed,
     train_profile,
+    train_sweeps,
 )
 from lidar_outlier_lab.training.folds import train_in_folds
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
@@ -373,6 +374,22 @@ def test_command(recordings: Path, tmp_path: Path, capsys: Capture, free: list[s
     assert {*data['held_out']['weather']} == {'dust', *more}
     assert bool(free) == ({'scanner 0 clean 900', 'os0_32 dust 0 thinned 0'} <= {*data['sweeps']})
     assert {'written', 'vlp16_mrpt_mcap'} <= {*capsys.readouterr().out.split()}
+
+
+@pytest.mark.usefixtures('few')
+def test_command_for_sweeps(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Recordings train without their rings, in frames of vehicles: clean ones and each weather."""
+    monkeypatch.setattr(train_sweeps, 'RECIPE', RECIPE._replace(rounds=(3, 4)))
+    onto = [str(recordings / 'bags' / name) for name in ('vlp16_mrpt_mcap', 'os0_32.bag')]
+    output = tmp_path / 'mine.json'
+    assert main(['train', '--sweep', '--onto', *onto, '--output', str(output)]) == 0
+    data = json.loads(output.read_text())
+    laws = {f'{law}_dust' for law in scenes.TRAINED}
+    assert {*data['held_out']['kinds']} == {'clean', 'dust', *laws}
+    assert {'chances_dust os0_32 chances dust 0', 'clean os0_32 clean 0'} <= {*data['sweeps']}
+    assert data['drop'] > 0
 
 
 def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:

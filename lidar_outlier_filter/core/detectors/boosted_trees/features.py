@@ -96,6 +96,11 @@ NEAR = {
     'deep': 'how far it is below the floor around',
     'deep_steep': 'how far it is below the floor around, for how steep that is',
 }
+# Of a sweep besides, which a sensor at the origin saw; of other clouds they are 0.
+SWEEP = {
+    'range': WINDOW['range'],
+    'near8_range': 'distance to the 8th nearest point, for its range',
+}
 # Of the sixty nearest neighbours. Lengths are divided by S, the same median of sixty; `contrast` is
 # S ÷ s. Gaps are the edges of their spanning tree, grown from the point; wide ones exceed 2 S.
 FAR = {
@@ -151,7 +156,7 @@ REASON_NAMES = {
 }
 REASON_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 # Of points without a scan pattern; some have names that others have above.
-SURVEY_REASON_NAMES = dict(enumerate({**NEAR, **FAR}, 197))
+SURVEY_REASON_NAMES = dict(enumerate((*NEAR, *FAR, 'near8_range'), 197))
 
 
 def rows(names: Iterable[str], begin: int = 0) -> Any:

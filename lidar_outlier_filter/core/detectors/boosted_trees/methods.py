@@ -52,7 +52,7 @@ from lidar_outlier_filter.core.scan_pattern.resemblance import is_plausible
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
-_NEIGHBOURS = {**features.NEAR, **features.FAR}
+_NEIGHBOURS = {**features.NEAR, **features.SWEEP, **features.FAR}
 _NONE = np.empty(0, np.int64), np.empty(0)  # no lone points
 _EVERY = {**_PATTERN, **features.CAUSES}
 REASONS = {
@@ -249,10 +249,10 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
         return Scores(np.full(len(points), np.nan), scaled=True, method=method.value)
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
-        odds = survey.measure(
+        odds, model = survey.measure(
             points.xyz, around, parameters.threads, seen.allocate, whole=_is_map(seen)
         )
-        score = survey.score(odds, threshold)
+        score = survey.score(odds, threshold, model)
         reason = _survey_reasons(seen, score > 1) if parameters.scores else None
         return Scores(score, reason=reason, scaled=True, method=method.value)
     return _judge(seen, found, parameters)
@@ -319,14 +319,16 @@ def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> Singles:
 
 def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
     """Return contributions (F, W) of selected points without a scan pattern."""
-    model, xyz = load(SURVEY_MODEL), seen.points.xyz
+    xyz = seen.points.xyz
     hood, index, (copy, original) = Neighbourhood(xyz, K, seen.threads).distinct()
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
     around, lone, isolation = measure_floor(xyz, np.arange(len(xyz)), seen.threads), *_NONE
-    if _is_map(seen):
+    sweep = survey.is_sweep(hood)
+    if _is_map(seen) and not sweep:
         hood, index, lone, isolation = part(hood, index, around)
-    near = survey.neighbours(hood, around)
+    near = survey.neighbours(hood, around, sweep=sweep)
+    model = survey.model_of(near)
     first = survey.first_odds(near, model.first, seen.threads)
     asked, column = selected.copy(), np.empty(len(xyz), np.int64)
     asked[original[selected[copy]]] = True
@@ -357,16 +359,18 @@ def _of_lone(isolation: Floats) -> Singles:
 def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:
     """Return the number (N,) of the feature that adds most to each rejected point; 0: no feature.
 
-    How suspect a point is by the first trees is no reason where another feature adds to it.
+    How suspect a point is by the first trees, and how far away, is no reason where another feature
+    adds to it.
     """
     reason = np.zeros(len(rejected), np.uint8)
     if rejected.any():
         added = _of_survey(seen, rejected)
         names = FEATURE_NAMES[SURVEY_MODEL][1]
-        first = added[names.index('first')]
-        first[first > 0] = np.finfo(np.float32).tiny
+        for name in ('first', 'range'):
+            some = added[names.index(name)]
+            some[some > 0] = np.finfo(np.float32).tiny
         number = {name: key for key, name in features.SURVEY_REASON_NAMES.items()}
-        numbers = np.array([number[name] for name in names], np.uint8)
+        numbers = np.array([number.get(name, 0) for name in names], np.uint8)
         reason[rejected] = np.where(added.max(axis=0) > 0, numbers[added.argmax(axis=0)], 0)
     return reason
 

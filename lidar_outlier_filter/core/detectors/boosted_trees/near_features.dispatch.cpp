@@ -125,6 +125,11 @@ void write_alone(const Near& near, Index p, int lane, StepBuffers& steps,
     write_depth(near.around, own[0], own[1], own[2], 1, depth);
     values.write_one(row::deep, lane, depth[0]);
     values.write_one(row::deep_steep, lane, depth[1]);
+    const double range =
+        near.is_sweep ? std::sqrt(own[0] * own[0] + own[1] * own[1] + own[2] * own[2]) : 0.0;
+    values.write_one(row::range, lane, range);
+    values.write_one(row::near8_range, lane,
+                     near.is_sweep ? near.radius[p] / std::max(range, MIN_RANGE_M) : 0.0);
 }
 
 }  // namespace

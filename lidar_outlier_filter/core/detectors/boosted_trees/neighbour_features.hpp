@@ -24,14 +24,16 @@ inline constexpr double MIN_SCALE_M = 1e-6;   // metres that are added to scales
 inline constexpr double SMOOTH = 0.01;        // of s: less is not expected of any surface
 inline constexpr double EVEN_HEIGHTS = 0.02;  // of s: heights differ so much on any surface
 inline constexpr double NARROW = 1e-6;      // variances across / along, below which there is a line
+inline constexpr double MIN_RANGE_M = 0.1;  // metres: spacings nearer to a sensor say nothing
 inline constexpr double MAX_FEATURE = 1e6;  // features are at most so large
 
-// Rows of features, in the order of NEAR and FAR in features.py.
+// Rows of features, in the order of NEAR, SWEEP and FAR in features.py.
 namespace row {
 // clang-format off
 enum Near {
     near1, near3, near8, denser, sparser, jump, jump_at, listed, steps2, off, flat, off_flat, thin,
-    aside, level, below, above, sunk, raised, rare, component_size, deep, deep_steep, NEAR_COUNT
+    aside, level, below, above, sunk, raised, rare, component_size, deep, deep_steep, range,
+    near8_range, NEAR_COUNT
 };
 enum Far {
     wide8 = NEAR_COUNT, wide20, wide60, densest, contrast, first_edge, longest, before, against,

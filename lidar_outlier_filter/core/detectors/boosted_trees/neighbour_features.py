@@ -29,6 +29,8 @@ class Near(NamedTuple):
         What the whole cloud is like.
     is_large : (N,) bool
         Points that ``write_large_components`` found in components of more than sixty others.
+    is_sweep : bool
+        Whether a sensor at the origin saw them, see :func:`.is_sweep`.
 
     """
 
@@ -37,6 +39,7 @@ class Near(NamedTuple):
     radius: Floats
     around: Floor
     is_large: Bools
+    is_sweep: bool
 
 
 class Far(NamedTuple):

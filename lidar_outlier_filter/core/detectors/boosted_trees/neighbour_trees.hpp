@@ -20,6 +20,7 @@ struct Near {
     View<const double> radius;          // (N,) distance to the eighth, metres
     Floor around;                       // what the whole cloud is like
     View<const bool> is_large;          // (N,) those that write_large_components() found
+    bool is_sweep;                      // whether a sensor at the origin saw them
 };
 
 // `Far` of neighbour_features.py.

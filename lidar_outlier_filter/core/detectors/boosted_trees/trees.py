@@ -20,6 +20,7 @@ PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
 FREE_MODEL = 'free_model.json'  # of scanners without rings
 PROFILE_MODEL = 'profile_model.json'
 SURVEY_MODEL = 'survey_model.json'  # of the nearest neighbours
+SWEEP_MODEL = 'sweep_model.json'  # of those in a sweep without rings
 MIXED_MODEL = 'mixed_model.json'  # of mixed pixels: one ensemble
 # The features of both passes.
 FEATURE_NAMES = {
@@ -28,9 +29,13 @@ FEATURE_NAMES = {
         (*features.WINDOW, *features.PROFILE),
         (*features.WINDOW, *features.PROFILE, *features.SECOND_PASS),
     ),
-    SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
+    SURVEY_MODEL: (
+        (*features.NEAR, *features.SWEEP),
+        (*features.NEAR, *features.SWEEP, *features.FAR),
+    ),
 }
 FEATURE_NAMES[FREE_MODEL] = FEATURE_NAMES[PATTERN_MODEL]
+FEATURE_NAMES[SWEEP_MODEL] = FEATURE_NAMES[SURVEY_MODEL]
 QUESTIONS, VALUES = 7, 8  # inner nodes and leaves of a tree of depth 3
 MIN_LOG_ODDS = -8.0  # a score of 0
 # find_valleys() tries log-odds in steps, and counts the points within NEAR_LOG_ODDS of each. It

@@ -213,7 +213,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     selected[:20] = True
     found = contributions(seen, parameters, selected)
     assert found.method == Method.NEIGHBOURS.value
-    odds = survey.measure(xyz, measure_floor(xyz, np.arange(len(xyz))), whole=True)[selected]
+    odds = survey.measure(xyz, measure_floor(xyz, np.arange(len(xyz))), whole=True)[0][selected]
     left = odds - found.added.sum(axis=0)
     is_lone = np.count_nonzero(found.added, axis=0) == 1
     assert 0 < np.count_nonzero(is_lone) < 20

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds without scan lines, judged by trees on the neighbours of each point."""
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Floats
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
+from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR, SWEEP
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
     MAX_NEIGHBOURS,
     Far,
@@ -33,6 +34,9 @@ from lidar_outlier_filter.core.neighbours.typical import (
     K,
     typical_scale,
 )
+from lidar_outlier_filter.evaluation.truth import Cause
+from lidar_outlier_lab.simulation import presets
+from lidar_outlier_lab.training.train_sweeps import moved
 
 
 def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
@@ -91,13 +95,15 @@ def around(xyz: Floats) -> Floor:
 
 def odds_of(xyz: Floats, threads: int = 0) -> Floats:
     """Return the log-odds of all points of a cloud."""
-    return survey.measure(xyz, around(xyz), threads)
+    return survey.measure(xyz, around(xyz), threads)[0]
 
 
-def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[np.float32]]:
+def measured(
+    xyz: Floats, *, is_sweep: bool = False
+) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[np.float32]]:
     """Return the features of all points, those of the first trees and all, in the order given."""
-    hood = Neighbourhood(xyz, K)
-    near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
+    hood, which = Neighbourhood(xyz, K), np.arange(len(xyz))
+    near = survey.neighbours(hood, around(xyz), sweep=is_sweep)
     first = survey.near_values(near, which)
     odds = survey.first_odds(near, load(SURVEY_MODEL).first)
     index = hood.nearest_of(which, min(MAX_NEIGHBOURS, len(xyz) - 1))
@@ -110,11 +116,12 @@ def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[n
 def test_features_against_loops(name: str) -> None:
     """Each feature is what plain loops say, also of ties, stacks, lines and short clouds."""
     xyz = CLOUDS[name]
-    hood, first, every = measured(xyz)
+    is_sweep = name == 'stacked'
+    hood, first, every = measured(xyz, is_sweep=is_sweep)
     positions = [tuple(row) for row in xyz.tolist()]
     odds = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
     given = odds[np.argsort(hood.order)].tolist()
-    expected = np.array(naive.near_features(positions, around(xyz).typical)).T
+    expected = np.array(naive.near_features(positions, around(xyz).typical, is_sweep=is_sweep)).T
     wide = np.array(naive.far_features(positions, given, around(xyz).typical)).T
     for n, feature in enumerate(FEATURE_NAMES[SURVEY_MODEL][1]):
         if feature in VAGUE.get(name, ()):
@@ -179,7 +186,7 @@ def test_points_at_one_place_are_judged_as_one() -> None:
     odds = odds_of(xyz)
     copies = np.random.default_rng(1).integers(0, 600, 2000)
     order = np.random.default_rng(2).permutation(2600)
-    again = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
+    again, _ = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
     np.testing.assert_array_equal(again, np.concatenate([odds, odds[copies]])[order])
 
 
@@ -220,6 +227,21 @@ def test_finds_a_piece_that_a_mirror_shows_below(seed: int) -> None:
     outlier = detect_outliers(np.concatenate([xyz, xyz[piece] - (0.0, 0.0, 15.0)])).outlier
     assert outlier[10_000:].mean() > 0.8
     assert not outlier[:10_000].any()
+
+
+def test_a_sweep_in_the_frame_of_a_vehicle() -> None:
+    """Without rings, raised and tilted: snow is found, and next to nothing lost."""
+    points = next(islice(presets.make('street-32', 5), 2, None)).points
+    xyz = np.stack([points[name] for name in 'xyz'], axis=1).astype(np.float64)
+    xyz = moved(xyz[xyz.any(axis=1)], 'a vehicle')
+    cause = points['label'][points['x'] != 0]
+    outlier = detect_outliers(xyz).outlier
+    assert outlier[cause == Cause.SNOW].mean() > 0.9
+    assert outlier[cause == Cause.GOOD].mean() < 1e-3
+    # From elsewhere, or of any other cloud, distances from the origin are no ranges.
+    assert survey.is_sweep(Neighbourhood(xyz, K))
+    for other in (np.add(xyz, (300.0, 0.0, 0.0)), surface(10_000), xyz[:8000]):
+        assert not survey.is_sweep(Neighbourhood(other, K))
 
 
 def test_typical_scale() -> None:
@@ -311,7 +333,10 @@ def test_refuses_points_that_there_are_not(end: int, point: int, rows: int, colu
         _kernels.judge_far(far._replace(index=index), trees, which, 0, end, odds, none)
     far = far._replace(index=far.index[:8])
     _kernels.judge_far(far, trees, np.arange(8), 0, 8, odds, none)
-    for values in (np.empty((len(NEAR), 8), np.float32), np.empty((55, 7), np.float32)):
+    for values in (
+        np.empty((len(NEAR) + len(SWEEP), 8), np.float32),
+        np.empty((57, 7), np.float32),
+    ):
         with pytest.raises(ValueError, match='values'):
             _kernels.judge_far(far, trees, np.arange(8), 0, 8, odds, values)
     with pytest.raises(ValueError, match='within the array'):
