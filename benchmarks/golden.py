@@ -6,9 +6,8 @@
     scripts/environment python benchmarks/golden.py --write   # writes test/golden/verdicts.json
     scripts/environment python benchmarks/golden.py --small   # small real recordings only
     scripts/environment python benchmarks/golden.py --few     # some points of each of them only
-    scripts/environment python benchmarks/golden.py --small --threads 1 --python PATH
 
-The last one compares what another Python finds, with the libraries that it has, in one thread.
+With ``PYTHONPATH=.`` another Python compares what it finds, with the libraries that it has.
 ``--level`` chooses the instructions of the compiled kernels; all must find the same.
 
 The hash covers the bits of the detectors and the float32 score of every point, so that a change of
@@ -19,8 +18,6 @@ the last bit is seen.
 import argparse
 import hashlib
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -140,15 +137,6 @@ def of_presets(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
     return found
 
 
-def _by(python: str) -> int:
-    """Compare with another Python; return its exit status."""
-    words = sys.argv[1:]
-    at = words.index('--python')
-    command = [python, __file__, *words[:at], *words[at + 2 :]]
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    return subprocess.run(command, env=environment, check=False).returncode  # noqa: S603  as asked
-
-
 def main() -> int:
     """Compare, or write; return the exit status."""
     parser = argparse.ArgumentParser(description='Compare golden verdicts.')
@@ -157,12 +145,9 @@ def main() -> int:
     parser.add_argument('--few', action='store_true', help='few points of these only')
     parser.add_argument('--level', choices=_kernels.levels(), default=_kernels.levels()[-1])
     parser.add_argument('--threads', type=int, default=0, help='0: all cores')
-    parser.add_argument('--python', metavar='PATH', help='another Python, with its own libraries')
     parser.add_argument('--recordings', nargs='+', default=SMALL, metavar='NAME', help='small ones')
     arguments = parser.parse_args()
     small = tuple(arguments.recordings)
-    if arguments.python:
-        return _by(arguments.python)
     threads = arguments.threads
     _kernels.set_level(arguments.level)
     print(f'Python {sys.version.split()[0]}, NumPy {np.__version__}')
