@@ -56,10 +56,11 @@ RECIPE = SceneRecipe(
     bad_counts={Cause.BARRIER: 2.0, Cause.BIRD: 0.5, Cause.SINGLE: 2.0},
     neither={Cause.MIXED},
 )
-MIXED_ROUNDS, MIXED_RATE = 150, 0.3  # trees, and how much each corrects
+MIXED_ROUNDS, MIXED_RATE = 300, 0.3  # trees, and how much each corrects
 MIXED_GOOD, MIXED_BAD = 24_000, 6000  # points of a street that are drawn
+SOFT, SOFT_COUNTS = (-Kind.FOLIAGE, -Kind.TERRAIN), 2.0  # good points that count more there
 MIXED_LIMITS = np.arange(-20, 121) / 10.0
-MIXED_LOST = 5e-5  # of a street's good points, the mean of streets that were left out
+MIXED_LOST = 4.2e-5  # of a street's good points, the mean of streets that were left out
 
 
 class _Block(NamedTuple):
@@ -145,21 +146,21 @@ class Street:
             for before in (None if odds is None else odds[n],)
         ]
 
-    def between(self, first: Trees) -> tuple[Bools, Singles]:
-        """Return which points are mixed, and features, of those that trees on mixed pixels judge.
+    def between(self, first: Trees) -> tuple[Ints, Singles]:
+        """Return codes and features of the points that trees on mixed pixels judge.
 
         Outliers of other causes are left out.
         """
-        mixed, found = [], []
+        code, found = [], []
         for block in self._blocks():
             values, pattern = block.values(None), block.prepared.pattern
             score = np.zeros(len(pattern.order), np.float32)
             score[pattern.order >= 0] = judge_pass(first, values, None)
             asked = may_be_mixed(pattern, score)[pattern.order >= 0] & block.own
             asked &= (block.code <= 0) | (block.code == Cause.MIXED)
-            mixed.append(block.code[asked] > 0)
+            code.append(block.code[asked])
             found.append(values[:, asked])
-        return np.concatenate(mixed), np.concatenate(found, axis=1)
+        return np.concatenate(code), np.concatenate(found, axis=1)
 
     def own(self, odds: list[Singles]) -> Singles:
         """Return the log-odds of the points that are of no halo."""
@@ -178,27 +179,26 @@ def add_mixed(streets: Sequence[Street], text: str, seed: int = 1) -> str:
         some = [one for n, one in enumerate(drawn) if n % FOLDS != k]
         trees = read_trees(learn(some, NAMES, MIXED_ROUNDS, MIXED_RATE), NAMES)
         for n in range(k, len(streets), FOLDS):
-            mixed, values = tables[n]
+            code, values = tables[n]
             above = judge_pass(trees, values, None) > MIXED_LIMITS[:, None]
-            found.append(above[:, mixed].sum(axis=1))
-            lost.append(above[:, ~mixed].sum(axis=1) / np.count_nonzero(streets[n].cause == 0))
+            found.append(above[:, code > 0].sum(axis=1))
+            lost.append(above[:, code <= 0].sum(axis=1) / np.count_nonzero(streets[n].cause == 0))
     mean = np.mean(lost, axis=0)
     at = int(np.flatnonzero(mean <= MIXED_LOST)[0])
     total = sum(np.count_nonzero(street.cause == Cause.MIXED) for street in streets)
-    recall = float(np.sum(found, axis=0)[at] / total)
     data['mixed'] = learn(drawn, NAMES, MIXED_ROUNDS, MIXED_RATE)
     data['mixed']['start'] += data['threshold'] - float(MIXED_LIMITS[at])
-    figures = {'found': recall, 'lost': float(mean[at]), 'worst': float(np.max(lost, axis=0)[at])}
-    data['held_out']['mixed'] = {name: round(value, DIGITS) for name, value in figures.items()}
+    figures = {'found': sum(found)[at] / total, 'lost': mean[at], 'worst': np.max(lost, axis=0)[at]}
+    data['held_out']['mixed'] = {name: round(float(one), DIGITS) for name, one in figures.items()}
     return json.dumps(data, separators=(',', ':'))
 
 
-def _drawn(mixed: Bools, values: Singles, rng: np.random.Generator) -> Drawn:
-    """Draw good and mixed points of a street, which count as many as there are."""
-    good, bad = np.flatnonzero(~mixed), np.flatnonzero(mixed)
-    groups = ((good, MIXED_GOOD, len(good)), (bad, MIXED_BAD, len(bad)))
-    rows, weight = draw_rows(rng, groups)
-    return Drawn(values[:, rows], mixed[rows], weight)
+def _drawn(code: Ints, values: Singles, rng: np.random.Generator) -> Drawn:
+    """Draw good and mixed points of a street, which count as many as there are, or more."""
+    good, bad = np.flatnonzero(code <= 0), np.flatnonzero(code > 0)
+    rows, weight = draw_rows(rng, ((good, MIXED_GOOD, len(good)), (bad, MIXED_BAD, len(bad))))
+    weight[np.isin(code[rows], SOFT)] *= SOFT_COUNTS
+    return Drawn(values[:, rows], code[rows] > 0, weight)
 
 
 def make_streets(progress: Progress = lambda _done, _total, _what: None) -> list[Street]:
