@@ -16,7 +16,7 @@ and streets of ``leslar-*`` by the papers' methods, in the map; ``--write`` writ
 import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,6 +56,7 @@ FRAMES = MAP, MOVED, OWN = 'map', 'odometry', 'own frame'
 CHAINS = {'classic.yaml': CLASSIC, 'classic_vegetation.yaml': VEGETATION}
 POSE = SECOND // 100  # nanoseconds from one to the next
 BELOW = -0.2  # metres: a mirrored point below the road, which is nowhere lower than 0
+BANDS = (0.0, 0.03, 0.05, 0.1, 1.0)  # metres: mixed pixels, from what their footprints met
 MIN_POINTS = 20  # of a cause, or good ones of an object; fewer show no share
 
 
@@ -163,10 +164,23 @@ def named(seen: HeadReturns) -> Iterator[tuple[str, Bools]]:
     for cause in np.unique(seen.cause[(seen.cause > 0) & ~below]).tolist():
         name = Cause(cause).name.lower().replace('_', ' ')
         yield f'found: {name}', (seen.cause == cause) & ~below
+    yield from _mixed(seen)
     good = seen.cause == Cause.GOOD
     yield 'lost: all good points', good
     for kind in np.unique(seen.kind[good]).tolist():
         yield f'lost: {Kind(kind).name.lower()}', good & (seen.kind == kind)
+
+
+def _mixed(seen: HeadReturns) -> Iterator[tuple[str, Bools]]:
+    """Part mixed pixels by their distances from the nearest of what their footprints met."""
+    index = np.flatnonzero(seen.cause == Cause.MIXED)
+    rays = seen.drive.rays(seen.points.t[index] // seen.drive.sensor.interval)
+    met = seen.drive.scene.cast(rays).distance
+    measured = np.linalg.norm(seen.points.xyz[index] - rays.origin[:, :, 0].T, axis=1)
+    off = np.full(len(seen.cause), np.inf)
+    off[index] = np.abs(met - measured[:, None]).min(axis=1)
+    for low, high in pairwise(BANDS if len(index) > 0 else ()):
+        yield f'found: mixed, {low:.2f} to {high:.2f} m off', (low <= off) & (off < high)
 
 
 def main() -> None:
