@@ -16,9 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.annotations import Bools, Floats, Progress, Singles
-from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import may_be_mirrored
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    find_mirrored,
+    first_pass,
+    second_pass,
+)
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    OF_GHOSTS,
     PATTERN_MODEL,
     TreeModel,
     find_valleys,
@@ -28,15 +32,15 @@ from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
 from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
 from lidar_outlier_lab.training.held_out import CLEAN, STREET
-from lidar_outlier_lab.training.learner import Drawn, draw_rows, judge_pass, learn, window_features
+from lidar_outlier_lab.training.learner import Drawn, draw_rows, judge_pass, learn
 from lidar_outlier_lab.training.train import Sweep, pattern_of
 
 GHOSTS = 'ghosts'  # the kind of sweeps
 # Mixed pixels of recordings are unlabelled in all of them, and are no ghosts.
 KINDS = {CLEAN, STREET, *WEATHERS} - {'mixed'}
 # With intensities or without; `share` would tell how many outliers the training had.
-USED = [name for name in (*WINDOW, *SECOND_PASS) if name not in {'bright', 'rank', 'share'}]
-ROWS = [(*WINDOW, *SECOND_PASS).index(name) for name in USED]
+USED = [name for name in OF_GHOSTS if name not in {'bright', 'rank', 'share'}]
+ROWS = [OF_GHOSTS.index(name) for name in USED]
 ROUNDS, FOLDS = 100, 4  # trees, and parts of the sensors
 GOOD, BAD = 4000, 1500  # points of a sweep that are drawn
 GOOD_COUNTS = 0.05  # how much good points count, of which there are many more
@@ -98,15 +102,15 @@ def _can_train(seen: Sequence[_Kept]) -> bool:
 def _see(sweep: Sweep, model: TreeModel) -> _Kept:
     pattern = pattern_of(sweep)
     prepared, there = prepare(pattern), pattern.order >= 0
-    first = judge_pass(model.first, window_features(prepared, None), None)
-    values = window_features(prepared, first)
-    odds = judge_pass(model.again, values, first, model.doubtful)
-    (own,) = find_valleys(odds, np.array([model.threshold]), model.drop)
-    outlier = sweep.outlier[pattern.order[there]]
-    asked = (first > model.doubtful) & (odds <= own) & may_be_mirrored(values)
+    first = first_pass(prepared, model.first)
+    odds = second_pass(prepared, first, model)
+    (own,) = find_valleys(odds[there], np.array([model.threshold]), model.drop)
+    places, values = find_mirrored(prepared, first, odds <= own)
+    outlier = np.zeros(len(there), np.bool_)
+    outlier[there] = sweep.outlier[pattern.order[there]]
     bad, found = int(outlier.sum()), int((outlier & (odds > own)).sum())
-    kept = values[ROWS][:, asked], outlier[asked]
-    return _Kept(sweep, *kept, len(outlier) - bad, bad, found)
+    good = int(there.sum()) - bad
+    return _Kept(sweep, values[ROWS], outlier[places], good, bad, found)
 
 
 def _draw(seen: _Kept) -> Drawn:

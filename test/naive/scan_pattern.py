@@ -7,6 +7,8 @@ import math
 from statistics import median
 from typing import NamedTuple
 
+import numpy as np
+
 NOISE, SAME, SAME_M, MAX_FEATURE = 0.02, 1.5, 0.06, 1000.0
 
 
@@ -98,6 +100,44 @@ def window(rings: list[Ring], number: int, k: int) -> tuple[list[Point], list[Po
                 and abs(points[j + m].phase - me.phase) <= 6 * max(ring.step, ring.gap) * ring.turn
             ]
     return own, other
+
+
+def pane(rings: list[Ring], number: int, k: int, ups: list[float]) -> list[float]:
+    """Return the features of what may have mirrored a point: zeros if nothing.
+
+    ``ups`` are the angles to the rings two and one below, and one and two above.
+    """
+    ring, me, near, there = rings[number], rings[number].points[k], [], 0
+    for off, up in zip((0, -2, -1, 1, 2), (0.0, -ups[0], -ups[1], *ups[2:]), strict=True):
+        if 0 <= number + off < len(rings):
+            points, there = rings[number + off].points, there + 17
+            j = k if off == 0 else nearest(rings[number + off], me.phase)
+            some = points[max(j - 8, 0) : j + 9]
+            near += [(p, up) for p in some if p.range < 0.98 * me.range - 0.15]
+    returns = []
+    for p, up in near:
+        along = (p.phase - me.phase) / ring.turn
+        if abs(along) <= 12.8 * ring.step:
+            part = 1 - (along**2 + up**2) / 2, along, up
+            returns.append(p.range * np.array(part))
+    third, nothing = len(returns) // 3, [0.0] * 7
+    if len(near) < there / 2 or len(returns) < 6:
+        return nothing
+    for n in range(8):
+        a, b, c = (returns[n * third // 8 + m * third] for m in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal) * math.copysign(1, normal @ a)
+        far, cosine = normal @ a, normal[0]
+        behind = me.range * cosine - far
+        on = [x for x in returns if abs(x @ normal - far) < 0.03 + 0.004 * np.linalg.norm(x)]
+        if cosine > 0.15 and behind > 0.2 and len(on) >= 0.7 * len(returns):
+            hit = far / cosine
+            hole = min(np.linalg.norm(x - (hit, 0, 0)) for x in on)
+            hole /= hit * math.sqrt(ring.step * ring.gap) + 0.02
+            uneven = math.sqrt(sum((x @ normal - far) ** 2 for x in on) / len(on))
+            found = [len(near) / there, len(on) / len(returns), uneven, abs(normal[2])]
+            return [*found, behind, cosine, hole] if hole <= 2 else nothing
+    return nothing
 
 
 def features(

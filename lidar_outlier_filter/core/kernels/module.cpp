@@ -198,6 +198,7 @@ PYBIND11_MODULE(_kernels, m) {
     m.def("write_groups", &write_groups, WithoutGil());
     m.def("write_heights", &write_heights, WithoutGil());
     m.def("judge_pattern", AT_LEVEL(judge_pattern), WithoutGil());
+    m.def("find_panes", AT_LEVEL(find_panes), WithoutGil());
     m.def("count_scores", &count_scores, WithoutGil());
     m.def("scale_odds", &scale_odds, WithoutGil());
 }

@@ -69,6 +69,17 @@ SECOND_PASS = {
     'share': 'share of suspects in the whole cloud',
     'share_range': 'share of suspects at its range',
 }
+# Of trees on ghosts besides: the plane through nearer points around, which the beam of the point
+# passes, and which may have mirrored it.
+PANE = {
+    'nearer': 'share of the points around it that are nearer',
+    'pane': 'share of these that are on the plane',
+    'pane_uneven': 'how far these are off the plane, metres',
+    'pane_level': 'how level the plane is: the sine of its slope to the scan lines',
+    'pane_behind': 'how far it is behind the plane, metres',
+    'pane_cosine': 'cosine between its beam and the normal of the plane',
+    'pane_hole': 'gap on the plane between its beam and the nearest point',
+}
 # Of the eight nearest neighbours. Lengths are divided by s, the median distance of these to their
 # own eighth neighbour. The last two are of the floor of the whole cloud.
 NEAR = {

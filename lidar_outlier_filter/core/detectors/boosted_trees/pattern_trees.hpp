@@ -20,6 +20,7 @@ void scale_odds(Pattern pattern, View<const float> odds, double least, double li
 // range, and as a share of all.
 std::tuple<Owned<std::int32_t>, Owned<float>, double> count_scores(Pattern pattern,
                                                                    View<const float> score);
+inline constexpr Index PANE_FEATURES = 7;
 
 FOR_EACH_LEVEL(
     // Writes the roughness of lines begin to end.
@@ -30,6 +31,10 @@ FOR_EACH_LEVEL(
     // features (F, W) into columns (M,) if these have rows.
     void judge_pattern(Prepared prepared, FirstPass first, bool second, View<const bool> asked,
                        Trees trees, View<const Index> column, Index begin, Index end,
-                       View<float> odds, View<float, 2> values);)
+                       View<float> odds, View<float, 2> values);
+    // Writes what may have mirrored the points of places begin to end, (7, W) as PANE in
+    // features.py; 0 if nothing.
+    void find_panes(Prepared prepared, View<const Index> places, Index begin, Index end,
+                    View<float, 2> out);)
 
 }  // namespace lidar

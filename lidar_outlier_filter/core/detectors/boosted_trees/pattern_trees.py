@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import _kernels
-from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Singles
+from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Index, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import (
+    PANE,
     PROFILE,
     REASON_NUMBERS,
     SECOND_PASS,
@@ -52,9 +53,9 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
 # Trees on mixed pixels judge from these log-odds of the first pass on, and what stands off so far,
 # metres, from the returns beside it, the nearer and the other.
 MIXED_FROM, OFF_NEARER, OFF_OTHER = np.float32(-7.0), 0.02, 0.06
-# A ghost is behind what mirrors it: shares of the beams beside it that are nearer, at least.
-MIN_BEFORE = 0.5
-_BEFORE = [[*WINDOW].index(name) for name in ('before_own', 'before_other')]
+# Trees on ghosts judge from these log-odds of the first pass on.
+MIRRORED_FROM = np.float32(-2.0)
+PANES_AT_ONCE = 512  # points whose planes a thread finds
 
 
 class FoundPattern(NamedTuple):
@@ -116,10 +117,10 @@ def judge(
     """
     trees, prepared = load_model(model), prepare_all(FoundPattern(pattern, model), threads)
     first = first_pass(prepared, trees.first, threads)
-    odds, values = second_pass(prepared, first, trees, threads)
+    odds = second_pass(prepared, first, trees, threads)
     (own,) = find_valleys(odds[pattern.order >= 0], np.array([trees.threshold]), trees.drop)
     cause = raise_mixed(prepared, first, trees.mixed, odds, threads)
-    raise_ghosts(trees, first, values, float(own), odds, cause)
+    raise_ghosts(prepared, first, trees, float(own), odds, cause, threads)
     score, rejected = scale(pattern, odds, threshold * (float(own) - MIN_LOG_ODDS), threads)
     if reason is not None:
         alone = rejected & (cause > 0)
@@ -162,16 +163,11 @@ def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
 
 def second_pass(
     prepared: Prepared, first: FirstPass, model: TreeModel, threads: int = 0
-) -> tuple[Singles, Singles]:
-    """Return the log-odds (M,) of each place: of these trees, where the first are doubtful.
-
-    Returns the features (F, W) of the doubtful, too, if trees on ghosts need them.
-    """
+) -> Singles:
+    """Return the log-odds (M,) of each place: of these trees, where the first are doubtful."""
     result, doubtful = first.score.copy(), first.score > np.float32(model.doubtful)
-    count = _count_features(prepared, second=True) if len(model.ghosts.value) > 0 else 0
-    values = np.empty((count, np.count_nonzero(doubtful)), np.float32)
-    write_odds(prepared, first, doubtful, model.again, threads, result, values)
-    return result, values
+    write_odds(prepared, first, doubtful, model.again, threads, result)
+    return result
 
 
 def raise_mixed(
@@ -192,30 +188,46 @@ def raise_mixed(
 
 
 def raise_ghosts(
-    model: TreeModel, first: FirstPass, values: Singles, limit: float, odds: Singles, cause: Bytes
+    prepared: Prepared,
+    first: FirstPass,
+    model: TreeModel,
+    limit: float,
+    odds: Singles,
+    cause: Bytes,
+    threads: int = 0,
 ) -> None:
     """Raise log-odds (M,) to those of being mirrored, and write the reason's number (M,).
 
-    Judged are doubtful places, whose features (F, W) are ``values``, which may be mirrored, and
-    which the block's threshold ``limit`` does not reject. How much lower it is than the model's
-    does not count.
+    How much lower the block's threshold ``limit`` is than the model's does not count.
     """
     if len(model.ghosts.value) == 0:
         return
-    doubtful = np.flatnonzero(first.score > np.float32(model.doubtful))
-    kept = np.flatnonzero((odds[doubtful] <= limit) & may_be_mirrored(values))
-    places, mirrored = doubtful[kept], np.empty(len(kept), np.float32)
-    _kernels.add_trees(model.ghosts, np.take(values, kept, axis=1), mirrored)
+    places, values = find_mirrored(prepared, first, odds <= limit, threads)
+    mirrored = np.empty(len(places), np.float32)
+    _kernels.add_trees(model.ghosts, values, mirrored)
     mirrored += np.float32(limit - model.threshold)
     rises = mirrored > odds[places]
     odds[places[rises]], cause[places[rises]] = mirrored[rises], REASON_NUMBERS['mirrored']
 
 
-def may_be_mirrored(values: Singles) -> Bools:
-    """Return which of W points with these features (F, W) trees on ghosts judge."""
-    own, other = values[_BEFORE]
-    behind: Bools = np.minimum(own, other) >= np.float32(MIN_BEFORE)
-    return behind
+def find_mirrored(
+    prepared: Prepared, first: FirstPass, kept: Bools, threads: int = 0
+) -> tuple[Ints, Singles]:
+    """Return the places (W,) of points that may be mirrored, of the kept (M,), and their features.
+
+    These are ``OF_GHOSTS``, (F, W).
+    """
+    asked = kept & (first.score > MIRRORED_FROM) & (prepared.pattern.order >= 0)
+    places = np.flatnonzero(asked)
+    panes = np.zeros((len(PANE), len(places)), np.float32)
+    pool.run(
+        lambda i, j: _kernels.find_panes(prepared, places, i, j, panes),
+        *(len(places), PANES_AT_ONCE, threads),
+    )
+    behind = panes[0] > 0
+    asked[places] = behind
+    values = np.concatenate([measure(prepared, first, asked, threads), panes[:, behind]])
+    return places[behind], values
 
 
 def may_be_mixed(pattern: Pattern, score: Singles) -> Bools:

@@ -36,6 +36,7 @@ FEATURE_NAMES = {
 }
 FEATURE_NAMES[FREE_MODEL] = FEATURE_NAMES[PATTERN_MODEL]
 FEATURE_NAMES[SWEEP_MODEL] = FEATURE_NAMES[SURVEY_MODEL]
+OF_GHOSTS = (*features.WINDOW, *features.SECOND_PASS, *features.PANE)
 QUESTIONS, VALUES = 7, 8  # inner nodes and leaves of a tree of depth 3
 MIN_LOG_ODDS = -8.0  # a score of 0
 # find_valleys() tries log-odds in steps, and counts the points within NEAR_LOG_ODDS of each. It
@@ -84,7 +85,7 @@ class TreeModel(NamedTuple):
     threshold : log-odds above which a point is rejected
     drop : log-odds by which :func:`find_valleys` may lower the threshold of a block
     mixed : trees on mixed pixels alone, which have the features of the first pass; not all have any
-    ghosts : trees on ghosts alone, which have the features of both passes; not all have any
+    ghosts : trees on ghosts alone, whose features are ``OF_GHOSTS``; not all have any
 
     """
 
@@ -120,7 +121,7 @@ def parse(data: dict[str, Any], name: str) -> TreeModel:
         float(data['threshold']),
         float(data.get('drop', 0.0)),
         read_trees(data['mixed'], names) if 'mixed' in data else NO_TREES,
-        read_trees(data['ghosts'], names_again) if 'ghosts' in data else NO_TREES,
+        read_trees(data['ghosts'], OF_GHOSTS) if 'ghosts' in data else NO_TREES,
     )
 
 

@@ -72,7 +72,7 @@ def passes(points: Points, sensor: str) -> tuple[NDArray[np.float32], NDArray[np
     found, again = names[once.argmax(axis=0)], names[twice.argmax(axis=0)]
     known = (first.score > np.float32(model.doubtful)) & (again != 'first')
     odds, strongest = np.empty(len(points), np.float32), np.empty(len(points), names.dtype)
-    spread(some.pattern, second_pass(some, first, model)[0], odds)
+    spread(some.pattern, second_pass(some, first, model), odds)
     spread(some.pattern, np.where(known, again, found), strongest)
     return odds, strongest
 
