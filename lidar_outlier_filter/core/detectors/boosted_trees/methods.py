@@ -250,10 +250,12 @@ def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     if found is None:
         around = measure_floor(points.xyz, np.arange(len(points)), parameters.threads)
         odds, model = survey.measure(
-            points.xyz, around, parameters.threads, seen.allocate, whole=_is_map(seen)
+            *(points.xyz, around, parameters.threads, seen.allocate),
+            whole=_is_map(seen),
+            sweeps=_may_be_sweep(parameters),
         )
         score = survey.score(odds, threshold, model)
-        reason = _survey_reasons(seen, score > 1) if parameters.scores else None
+        reason = _survey_reasons(seen, parameters, score > 1) if parameters.scores else None
         return Scores(score, reason=reason, scaled=True, method=method.value)
     return _judge(seen, found, parameters)
 
@@ -296,7 +298,7 @@ def contributions(
         return Contributions(method.value, names, added)
     if method in {Method.NEIGHBOURS, Method.IMPLAUSIBLE, Method.SHARED}:
         return Contributions(
-            method.value, FEATURE_NAMES[SURVEY_MODEL][1], _of_survey(seen, selected)
+            method.value, FEATURE_NAMES[SURVEY_MODEL][1], _of_survey(seen, parameters, selected)
         )
     nothing = np.empty((0, np.count_nonzero(selected)), np.float32)
     return Contributions(method.value, (), nothing)
@@ -317,14 +319,14 @@ def _of_pattern(found: FoundPattern, selected: Bools, threads: int) -> Singles:
     return added[:, (np.cumsum(asked) - 1)[cell[selected]]]
 
 
-def _of_survey(seen: DetectorInput, selected: Bools) -> Singles:
+def _of_survey(seen: DetectorInput, parameters: FilterParameters, selected: Bools) -> Singles:
     """Return contributions (F, W) of selected points without a scan pattern."""
     xyz = seen.points.xyz
     hood, index, (copy, original) = Neighbourhood(xyz, K, seen.threads).distinct()
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
     around, lone, isolation = measure_floor(xyz, np.arange(len(xyz)), seen.threads), *_NONE
-    sweep = survey.is_sweep(hood)
+    sweep = _may_be_sweep(parameters) and survey.is_sweep(hood)
     if _is_map(seen) and not sweep:
         hood, index, lone, isolation = part(hood, index, around)
     near = survey.neighbours(hood, around, sweep=sweep)
@@ -349,6 +351,10 @@ def _is_map(seen: DetectorInput) -> bool:
     return seen.whole and not bool(0 < np.ptp(seen.points.t) < SECOND)
 
 
+def _may_be_sweep(parameters: FilterParameters) -> bool:
+    return parameters.of(BoostedTrees).sensor != 'survey'
+
+
 def _of_lone(isolation: Floats) -> Singles:
     """Return contributions (F, L) of lone points: how far apart they are, from a score of 0 on."""
     added = np.zeros((len(_NEIGHBOURS), len(isolation)), np.float32)
@@ -356,7 +362,7 @@ def _of_lone(isolation: Floats) -> Singles:
     return added
 
 
-def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:
+def _survey_reasons(seen: DetectorInput, parameters: FilterParameters, rejected: Bools) -> Bytes:
     """Return the number (N,) of the feature that adds most to each rejected point; 0: no feature.
 
     How suspect a point is by the first trees, and how far away, is no reason where another feature
@@ -364,7 +370,7 @@ def _survey_reasons(seen: DetectorInput, rejected: Bools) -> Bytes:
     """
     reason = np.zeros(len(rejected), np.uint8)
     if rejected.any():
-        added = _of_survey(seen, rejected)
+        added = _of_survey(seen, parameters, rejected)
         names = FEATURE_NAMES[SURVEY_MODEL][1]
         for name in ('first', 'range'):
             some = added[names.index(name)]

@@ -56,6 +56,7 @@ def measure(
     allocate: Allocate = np.empty,
     *,
     whole: bool = False,
+    sweeps: bool = True,
 ) -> tuple[Floats, TreeModel]:
     """Return the log-odds of N points, and the model that they are of.
 
@@ -68,6 +69,7 @@ def measure(
     threads : maximum number of threads; 0: all cores
     allocate : returns large arrays, in memory or in files
     whole : whether the points are a whole cloud, whose lone points are rejected first
+    sweeps : whether they may be a sweep, see :func:`is_sweep`
 
     Returns
     -------
@@ -79,7 +81,7 @@ def measure(
     odds, model = np.full(len(xyz), np.nan), load(SURVEY_MODEL)
     hood, index, (copy, original) = Neighbourhood(xyz, K, threads, allocate).distinct()
     if len(hood) > K:
-        sweep = is_sweep(hood)
+        sweep = sweeps and is_sweep(hood)
         if whole and not sweep:
             hood, index, lone, isolation = part(hood, index, around)
             odds[lone] = lone_odds(isolation)
