@@ -125,16 +125,15 @@ def is_sweep(hood: Neighbourhood) -> bool:
     """Return whether a sensor at the origin saw the points: the farther, the sparser they are."""
     if not MIN_SWEEP_POINTS <= len(hood) <= MAX_SWEEP_POINTS:
         return False
-    squares, reach = hood.squared_distances(K), (hood.xyz**2).sum(axis=1)
-    order = np.argsort(reach, kind='stable')
-    shells = np.array_split(order, SHELLS)
-    middle = np.array([reach[shell[len(shell) // 2]] for shell in shells])
-    near = [np.quantile(squares[shell], NEAREST_SHARE, method='lower') for shell in shells]
-    if middle[-1] < MIN_SPAN**2 * middle[0] or middle[0] == 0.0:
+    with np.errstate(divide='ignore'):
+        squares, reach = hood.squared_distances(K), (hood.xyz**2).sum(axis=1)
+        shells = np.array_split(np.argsort(reach, kind='stable'), SHELLS)
+        near = [np.quantile(squares[shell], NEAREST_SHARE, method='lower') for shell in shells]
+        far, sparse = np.log([[reach[shell[len(shell) // 2]] for shell in shells], near])
+    if not np.isfinite([far, sparse]).all() or far[-1] - far[0] < 2.0 * np.log(MIN_SPAN):
         return False
-    far, sparse = np.log(middle), np.log(near)
-    power, correlation = np.polyfit(far, sparse, 1)[0], np.corrcoef(far, sparse)[0, 1]
-    return bool(power > MIN_POWER and correlation > MIN_CORRELATION)
+    grows = np.polyfit(far, sparse, 1)[0] > MIN_POWER
+    return bool(grows and np.corrcoef(far, sparse)[0, 1] > MIN_CORRELATION)
 
 
 def model_of(near: Near) -> TreeModel:

@@ -240,7 +240,8 @@ def test_a_sweep_in_the_frame_of_a_vehicle() -> None:
     assert outlier[cause == Cause.GOOD].mean() < 1e-3
     # From elsewhere, or of any other cloud, distances from the origin are no ranges.
     assert survey.is_sweep(Neighbourhood(xyz, K))
-    for other in (np.add(xyz, (300.0, 0.0, 0.0)), surface(10_000), xyz[:8000]):
+    away: Floats = xyz + np.array([300.0, 0.0, 0.0])
+    for other in (away, surface(10_000), xyz[:8000], 1e-170 * xyz):
         assert not survey.is_sweep(Neighbourhood(other, K))
 
 
