@@ -167,7 +167,9 @@ REASON_NAMES = {
 }
 REASON_NUMBERS = {name: number for number, name in REASON_NAMES.items()}
 # Of points without a scan pattern; some have names that others have above.
-SURVEY_REASON_NAMES = dict(enumerate((*NEAR, *FAR, 'near8_range'), 197))
+SURVEY_REASON_NAMES = dict(
+    enumerate((name for name in {**NEAR, **FAR, **SWEEP} if name not in LIKELY), 197)
+)
 
 
 def rows(names: Iterable[str], begin: int = 0) -> Any:

@@ -24,6 +24,7 @@ MAX_THINNESS = 0.15
 # Height ÷ width below which they are level ground, as seen through a crown; and the least cosine of
 # its slope.
 MAX_FLATNESS, MIN_LEVEL = 0.07, 0.8
+NONE = np.empty(0, np.int64), np.empty(0)  # no lone points
 
 
 class Parted(NamedTuple):
@@ -62,7 +63,7 @@ def part(hood: Neighbourhood, index: Ints, around: Floor) -> Parted:
     """
     lone, isolation = _find(hood, around)
     if len(lone) == 0 or len(hood) - len(lone) <= K:
-        return Parted(hood, index, np.empty(0, np.int64), np.empty(0))
+        return Parted(hood, index, *NONE)
     given, is_lone = np.empty(len(hood), np.int64), np.zeros(len(hood), np.bool_)
     given[hood.order] = index
     is_lone[hood.order[lone]] = True

@@ -10,7 +10,6 @@ import numpy as np
 from lidar_outlier_filter.core.annotations import Bools, Bytes, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import part
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import MAX_NEIGHBOURS, Far
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
     FoundPattern,
@@ -53,7 +52,6 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {**features.WINDOW, **features.PROFILE, **features.SECOND_PASS}
 _NEIGHBOURS = {**features.NEAR, **features.SWEEP, **features.FAR}
-_NONE = np.empty(0, np.int64), np.empty(0)  # no lone points
 _EVERY = {**_PATTERN, **features.CAUSES}
 REASONS = {
     **{key: ReasonName(name, _EVERY[name]) for key, name in features.REASON_NAMES.items()},
@@ -325,11 +323,10 @@ def _of_survey(seen: DetectorInput, parameters: FilterParameters, selected: Bool
     hood, index, (copy, original) = Neighbourhood(xyz, K, seen.threads).distinct()
     if len(hood) <= K:  # too few points to judge
         return np.zeros((len(_NEIGHBOURS), np.count_nonzero(selected)), np.float32)
-    around, lone, isolation = measure_floor(xyz, np.arange(len(xyz)), seen.threads), *_NONE
-    sweep = _may_be_sweep(parameters) and survey.is_sweep(hood)
-    if _is_map(seen) and not sweep:
-        hood, index, lone, isolation = part(hood, index, around)
-    near = survey.neighbours(hood, around, sweep=sweep)
+    around = measure_floor(xyz, np.arange(len(xyz)), seen.threads)
+    (hood, index, lone, isolation), near = survey.see(
+        hood, index, around, whole=_is_map(seen), sweeps=_may_be_sweep(parameters)
+    )
     model = survey.model_of(near)
     first = survey.first_odds(near, model.first, seen.threads)
     asked, column = selected.copy(), np.empty(len(xyz), np.int64)

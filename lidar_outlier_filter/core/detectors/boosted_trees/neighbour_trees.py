@@ -17,7 +17,7 @@ import numpy as np
 from lidar_outlier_filter.core import _kernels
 from lidar_outlier_filter.core.annotations import Allocate, Floats, Ints, Singles
 from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR, SWEEP
-from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import part
+from lidar_outlier_filter.core.detectors.boosted_trees.lone_points import NONE, Parted, part
 from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_features import (
     MAX_NEIGHBOURS,
     Far,
@@ -81,12 +81,8 @@ def measure(
     odds, model = np.full(len(xyz), np.nan), load(SURVEY_MODEL)
     hood, index, (copy, original) = Neighbourhood(xyz, K, threads, allocate).distinct()
     if len(hood) > K:
-        sweep = sweeps and is_sweep(hood)
-        if whole and not sweep:
-            hood, index, lone, isolation = part(hood, index, around)
-            odds[lone] = lone_odds(isolation)
-        near = neighbours(hood, around, sweep=sweep)
-        model = model_of(near)
+        (hood, index, lone, isolation), near = see(hood, index, around, whole=whole, sweeps=sweeps)
+        odds[lone], model = lone_odds(isolation), model_of(near)
         first = first_odds(near, model.first, threads)
         found = first.astype(np.float64)
         doubtful = np.flatnonzero(first > np.float32(model.doubtful))
@@ -98,7 +94,7 @@ def measure(
 
 def score(odds: Floats, threshold: float, model: TreeModel) -> Floats:
     """Return scores from 0, more than 1 where rejected; ``threshold`` is the user's, 1 usually."""
-    (own,) = find_valleys(odds[np.isfinite(odds)], np.array([model.threshold]), model.drop)
+    (own,) = find_valleys(odds, np.array([model.threshold]), model.drop)
     scores: Floats = np.maximum(odds - MIN_LOG_ODDS, 0.0) / (threshold * (own - MIN_LOG_ODDS))
     return scores
 
@@ -107,6 +103,15 @@ def lone_odds(isolation: Floats) -> Floats:
     """Return log-odds (L,) of lone points, whose scores are their isolation ÷ the threshold."""
     odds: Floats = MIN_LOG_ODDS + isolation * (load(SURVEY_MODEL).threshold - MIN_LOG_ODDS)
     return odds
+
+
+def see(
+    hood: Neighbourhood, index: Ints, around: Floor, *, whole: bool, sweeps: bool
+) -> tuple[Parted, Near]:
+    """Part more than eight points as :func:`measure` says, and find their neighbours."""
+    sweep = sweeps and is_sweep(hood)
+    parted = part(hood, index, around) if whole and not sweep else Parted(hood, index, *NONE)
+    return parted, neighbours(parted.hood, around, sweep=sweep)
 
 
 def neighbours(hood: Neighbourhood, around: Floor, *, sweep: bool = False) -> Near:
